@@ -43,6 +43,8 @@ pub mod vision;
 #[cfg(feature = "cli")]
 pub mod cli;
 #[cfg(feature = "cli")]
+pub mod client;
+#[cfg(feature = "cli")]
 pub mod experiment;
 #[cfg(feature = "cli")]
 pub mod ipc;

@@ -4,6 +4,7 @@
 pub use super::calibrate::HandEyeArguments;
 use super::calibrate_arguments::{CalibrateCameraArguments, CalibrateStereoArguments};
 pub use super::camera_arguments::CameraArguments;
+use super::ctl_arguments::CtlArguments;
 use super::place_arguments::{PlaceArguments, ViewArguments};
 use super::tool_arguments::{PoseArguments, ProcessArguments, StereoCommand};
 use super::{completion, record::RecordArguments};
@@ -56,6 +57,8 @@ pub enum Command {
     Run(RunArguments),
     /// The daemon: start camera, vision and control, and do what `vservo ctl` says until it says shutdown
     Serve(ServeArguments),
+    /// Have a running instance do the steps of a program: postures, goals, waits, commands
+    Do(DoArguments),
     /// Tell a running instance what to do, or ask how it stands
     Ctl(CtlArguments),
     /// The camera process alone; --list, --probe and --snapshot look at the cameras of this machine
@@ -239,6 +242,9 @@ pub struct RunArguments {
     /// Of a replay: the first damaged file ends the run (camera.replay.strict)
     #[arg(long)]
     pub strict: bool,
+    /// Run also where `vservo check` says that the arm cannot reach the goal
+    #[arg(long)]
+    pub anyway: bool,
     /// Write the summary to this file as JSON
     #[arg(long, value_name = "FILE.json")]
     pub summary: Option<PathBuf>,
@@ -264,39 +270,14 @@ pub struct ServeArguments {
     pub record: Option<PathBuf>,
 }
 
-/// Arguments of `vservo ctl`.
+/// Arguments of `vservo do`.
 #[derive(Debug, Args)]
-pub struct CtlArguments {
-    /// What to do
-    pub what: Order,
+pub struct DoArguments {
+    /// The program (TOML)
+    pub program: PathBuf,
     /// Name of the run
     #[arg(long, value_name = "NAME", default_value = "default")]
     pub instance: String,
-    /// Print the answer as JSON
-    #[arg(long)]
-    pub json: bool,
-    /// How long to wait for the answer, s
-    #[arg(long, value_name = "S", default_value_t = 5.0)]
-    pub timeout_s: f64,
-}
-
-/// Requests to control.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum Order {
-    /// Say how it stands
-    Status,
-    /// Go for the goal
-    Start,
-    /// Stand until the next start
-    Hold,
-    /// Make what the camera sees the goal; the arm stands
-    Teach,
-    /// Forget the fault
-    Reset,
-    /// Stand, and be idle
-    Stop,
-    /// Stop, and end the run
-    Shutdown,
 }
 
 /// Arguments of a single process.

@@ -2,11 +2,11 @@
 
 use super::{json, shown, warn};
 use crate::config::assemble::require_controllable;
-use crate::config::{Config, Draft};
+use crate::config::{Config, Draft, SetPointKind};
 use crate::input::printable;
 use crate::process::ProcessError;
 use crate::rt::tell;
-use crate::sim::preflight::Preflight;
+use crate::sim::preflight::{Preflight, Reach};
 use serde::Serialize;
 use std::path::Path;
 
@@ -90,12 +90,22 @@ fn judged(preflight: &Preflight) -> (Told, Told) {
 }
 
 /// Tells before a run what `check` would refuse: the run itself goes on, because the cell may still be another one than it is thought to
-/// be.
+/// be. Where it `refuses`, a desired pose that the arm cannot reach is an error.
 ///
 /// # Errors
-/// When an arm cannot be built.
-pub(super) fn warn_of_preflight(draft: &Draft, config: &Config) -> Result<(), ProcessError> {
-    let (faults, _) = judged(&Preflight::of(config)?);
+/// When an arm cannot be built, and for such a goal.
+pub(super) fn warn_of_preflight(draft: &Draft, config: &Config, refuses: bool) -> Result<(), ProcessError> {
+    let preflight = Preflight::of(config)?;
+    let (mut faults, _) = judged(&preflight);
+    // The pose behind features is only as good as the lens; what was taught may be reached all the same.
+    let is_pose = config.effective.servo.set_point.kind == SetPointKind::Pose;
+    let is_beyond = is_pose && preflight.object_rests && matches!(preflight.reach, Reach::Beyond { .. });
+    if refuses && is_beyond {
+        faults
+            .iter_mut()
+            .for_each(|(_, message)| message.push_str(" (`vservo run --anyway` runs all the same)"));
+        return Err(draft.error(faults).into());
+    }
     for problem in draft.problems_of(faults) {
         tell(format_args!("vservo: warning: {}", printable(&problem.to_string())));
     }

@@ -8,7 +8,9 @@ mod camera_arguments;
 mod check;
 mod completion;
 mod ctl;
+mod ctl_arguments;
 mod detect;
+mod do_program;
 pub mod doctor;
 mod place;
 mod place_arguments;
@@ -24,14 +26,15 @@ mod tool_arguments;
 mod view;
 
 pub use arguments::{
-    Calibration, CameraArgument, CameraArguments, CellArguments, Cli, Command, CtlArguments, DetectArguments,
-    ExperimentArguments, HandEyeArguments, LatencyArguments, LogArguments, Order, RoleArguments, RoleCli,
+    Calibration, CameraArgument, CameraArguments, CellArguments, Cli, Command, DetectArguments, DoArguments,
+    ExperimentArguments, HandEyeArguments, LatencyArguments, LogArguments, RoleArguments, RoleCli,
     RunArguments, ServeArguments, TargetArguments, TeachArguments, TeachViewArguments,
 };
 pub use calibrate_arguments::{
     BoardArguments, CalibrateCameraArguments, CalibrateStereoArguments, LensModelArgument, OddCoefficients,
 };
 pub use camera_arguments::{FormatArgument, SizeArgument};
+pub use ctl_arguments::{CtlArguments, CtlCommand, CtlCommon, FixedNumbers, NumberList, SettingArgument};
 pub use place_arguments::{LookArgument, PlaceArguments, ViewArguments};
 pub use record::RecordArguments;
 pub use tool_arguments::{
@@ -77,8 +80,9 @@ pub fn main() -> ExitCode {
                 recording: arguments.record.as_deref(),
                 report: None,
             };
-            run(&arguments.cell, ["run.serve=true".to_owned()], results)
+            run(&arguments.cell, ["run.serve=true".to_owned()], results, false)
         }
+        Some(Command::Do(arguments)) => do_program::do_program(&arguments),
         Some(Command::Ctl(arguments)) => ctl::ctl(&arguments),
         Some(Command::Camera(arguments)) => match camera::look(&arguments) {
             Some(result) => result,
@@ -215,7 +219,8 @@ fn run_command(arguments: &RunArguments) -> Result<u8, ProcessError> {
     let strict = arguments.strict.then(|| "camera.replay.strict=true".to_owned());
     let report = arguments.report.as_deref().map(|folder| (folder, repeat::of_run(arguments)));
     let (summary, recording) = (arguments.summary.as_deref(), arguments.record.as_deref());
-    run(&arguments.cell, duration.into_iter().chain(strict), Results { summary, recording, report })
+    let results = Results { summary, recording, report };
+    run(&arguments.cell, duration.into_iter().chain(strict), results, !arguments.anyway)
 }
 
 /// Where the results of a run go, beside stdout.
@@ -228,15 +233,16 @@ struct Results<'a> {
     report: Option<(&'a Path, Vec<String>)>,
 }
 
-/// Runs a cell with settings of the command.
+/// Runs a cell with settings of the command; `refuses` a goal that the arm cannot reach.
 fn run(
     cell: &CellArguments,
     settings: impl IntoIterator<Item = String>,
     results: Results<'_>,
+    refuses: bool,
 ) -> Result<u8, ProcessError> {
     // First of all: a request to stop that comes early is one too.
     let stop = StopFlag::on_signals()?;
-    let (config, instance) = prepare(cell, settings)?;
+    let (config, instance) = prepare(cell, settings, refuses)?;
     let Results { summary, recording, report } = results;
     for path in summary.into_iter().chain(recording) {
         check_writable(path)?;
@@ -272,16 +278,17 @@ fn write_report(
     }
 }
 
-/// The cell that a supervisor is to run, and its name.
+/// The cell that a supervisor is to run, and its name; `refuses` a goal that the arm cannot reach.
 fn prepare(
     cell: &CellArguments,
     settings: impl IntoIterator<Item = String>,
+    refuses: bool,
 ) -> Result<(Config, Instance), ProcessError> {
     let draft = Draft::load(cell.config.as_deref(), &cell.settings(settings))?;
     let config = draft.clone().validate()?;
     require_controllable(&config)?;
     warn(&config);
-    check::warn_of_preflight(&draft, &config)?;
+    check::warn_of_preflight(&draft, &config, refuses)?;
     Ok((config, cell.instance.parse()?))
 }
 
@@ -321,6 +328,7 @@ fn role(role: Role, arguments: &RoleArguments) -> Result<u8, ProcessError> {
         Some(supervisor) => process::follow_parent(supervisor, &stop), // which has warned
         None => warn(&config),
     }
+    let awaited = config.awaits_its_end();
     let instance: Instance = arguments.instance.parse()?;
     if let Some(path) = &arguments.summary {
         check_writable(path)?;
@@ -362,7 +370,7 @@ fn role(role: Role, arguments: &RoleArguments) -> Result<u8, ProcessError> {
             } else {
                 summary.to_text()
             };
-            let exit_code = shown(&text, summary.outcome.exit_code());
+            let exit_code = shown(&text, summary.outcome.exit_code_of(awaited));
             Ok(write_summary(arguments.summary.as_deref(), &summary, exit_code))
         }
     }

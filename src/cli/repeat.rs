@@ -9,7 +9,8 @@ use crate::report::summary::Summary;
 pub(super) fn of_run(arguments: &RunArguments) -> Vec<String> {
     let duration = arguments.duration_s.map(|s| ["--duration-s".to_owned(), s.to_string()]);
     let strict = arguments.strict.then(|| "--strict".to_owned());
-    duration.into_iter().flatten().chain(strict).collect()
+    let anyway = arguments.anyway.then(|| "--anyway".to_owned());
+    duration.into_iter().flatten().chain(strict).chain(anyway).collect()
 }
 
 /// `vservo WORDS CONFIG --clock C --seed N --set ... MORE`, for a shell: clock and seed are named whoever chose them.

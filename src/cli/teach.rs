@@ -56,7 +56,7 @@ pub(super) fn teach(arguments: &TeachArguments) -> Result<u8, ProcessError> {
     };
     let goal = GoalFile { thumbnail, ..goal };
     let exit_code = write_result(&arguments.out, goal.to_toml(), 0);
-    let worst = goal.features.iter().map(|f| f.spread_px).fold(0.0, f64::max);
+    let worst = goal.features.iter().filter_map(|f| f.spread_px).fold(0.0, f64::max);
     let place = printable(&arguments.out.display().to_string());
     let distance =
         goal.pose.map_or(String::new(), |pose| format!(", {:.3} m before the camera", pose.position_m[2]));
@@ -64,7 +64,7 @@ pub(super) fn teach(arguments: &TeachArguments) -> Result<u8, ProcessError> {
         "{place}: {} points from {} images{distance}; they differ by up to {worst:.3} px\n\
          use it with --set servo.set_point.file={place}\n",
         goal.features.len(),
-        goal.measurements,
+        goal.measurements.unwrap_or_default(),
     );
     Ok(if exit_code == 0 { shown(&line, 0) } else { exit_code })
 }
@@ -212,7 +212,7 @@ impl<'a> GoalRecorder<'a> {
             .map(|sum| {
                 let (s, px) = (sum.s / count, sum.px / count);
                 let spread_px = (sum.px2 / count - px.norm_squared()).max(0.0).sqrt();
-                GoalFeature { id: sum.id, s: s.into(), px: px.into(), spread_px }
+                GoalFeature { id: sum.id, s: s.into(), px: Some(px.into()), spread_px: Some(spread_px) }
             })
             .collect();
         let s_d: Vec<_> = features.iter().map(|f| Vector2::from(f.s)).collect();
@@ -220,6 +220,14 @@ impl<'a> GoalRecorder<'a> {
         let set_point = SetPoint::from_features(&s_d, self.config.set_point.points(), depth_m);
         let pose = set_point.as_ref().and_then(SetPoint::X_DO).map(GoalFile::pose_of);
         let target = GoalFile::target_word(self.config);
-        Ok((GoalFile { target, measurements: self.taken, thumbnail: None, pose, features }, self.image))
+        let goal = GoalFile {
+            target,
+            measurements: Some(self.taken),
+            q_rad_or_m: Vec::new(),
+            thumbnail: None,
+            pose,
+            features,
+        };
+        Ok((goal, self.image))
     }
 }

@@ -307,6 +307,7 @@ pub fn control_loop_with<const N: usize>(
         camera: config.camera.model,
         points: config.target.points().iter().map(|point| point.p_O).collect(),
     };
+    let planning = cell();
     let (task, behaviour) = match (config.task, closed_loop) {
         (Task::CalibrateLatency, _) => {
             (RunTask::excitation(cell()), Behaviour::Excitation(Excitation::new(watch)))
@@ -356,7 +357,7 @@ pub fn control_loop_with<const N: usize>(
         one_clock: config.clock == Clock::Realtime,
     };
     let control = ControlLoop::new(Controller::new(settings, servo, behaviour), drive, of_loop);
-    Ok(LockstepRun::new(control, Mission::new(plan, task, goal, truth)))
+    Ok(LockstepRun::new(control, Mission::new(plan, task, goal, truth).in_cell(planning)))
 }
 
 fn truth<const N: usize>(scene: &Scene) -> Result<Truth<N>, AssembleError> {

@@ -41,6 +41,12 @@ impl Config {
         Some(self)
     }
 
+    /// Whether a run is to reach something, a goal or the end of a calibration, before it ends by itself.
+    #[must_use]
+    pub fn awaits_its_end(&self) -> bool {
+        !self.serve && self.closes_the_loop()
+    }
+
     /// Whether the loop is closed: there is an arm, and the images show its motion.
     #[must_use]
     pub fn closes_the_loop(&self) -> bool {

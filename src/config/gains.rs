@@ -3,6 +3,7 @@
 use super::check::Validation;
 use super::raw::{DampingOn, Depth, FeatureGain, Gains, RawServo, SchemeKind};
 use crate::messages::MAX_JOINTS;
+pub(super) use crate::mission::requests::GAIN_1_S;
 use crate::servo::{
     Damping, DepthSource, FeatureGains, FeatureMatrix, Gain, GainMatrix, HybridGains, Interaction, Law,
     NoGainMatrix, OperationalSpace, OrientationError, PoseGains, eigenvalue_range,
@@ -12,7 +13,6 @@ use std::ops::RangeInclusive;
 
 /// Ranges of gains, of numbers and of the eigenvalues of matrices; `tests/cores/plausible_numbers.rs` tries their ends. Chosen by hand: outside of
 /// them a number has another unit; whether a gain is stable is a matter of the run.
-pub(super) const GAIN_1_S: RangeInclusive<f64> = 1e-3..=100.0;
 const PD_GAIN: RangeInclusive<f64> = 0.0..=1e6;
 
 /// Keys of gains of which a law uses some.

@@ -18,8 +18,12 @@ const KEY: &str = "servo.set_point.file";
 pub struct GoalFile {
     /// Kind of target.
     pub target: String,
-    /// How many measurements it is the mean of.
-    pub measurements: u32,
+    /// How many measurements it is the mean of, where that is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub measurements: Option<u32>,
+    /// The posture in which it was taught, rad or m, of a running arm: `vservo ctl goto` goes there.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub q_rad_or_m: Vec<f64>,
     /// An image of the view, beside the file, for people.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub thumbnail: Option<String>,
@@ -48,13 +52,27 @@ pub struct GoalFeature {
     pub id: u32,
     /// Normalized coordinates.
     pub s: [f64; 2],
-    /// Position in the image, px.
-    pub px: [f64; 2],
-    /// Root mean square deviation of single measurements from it, px.
-    pub spread_px: f64,
+    /// Position in the image, px, where it is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub px: Option<[f64; 2]>,
+    /// Root mean square deviation of single measurements from it, px, where it is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub spread_px: Option<f64>,
 }
 
 impl GoalFile {
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// Why it cannot be read, or is none.
+    pub fn load(path: &Path) -> Result<Self, String> {
+        let place = path.display();
+        let text = file::read(path, file::MAX_TOML)
+            .map_err(|e| format!("{place} cannot be read: {e}; `vservo teach --out FILE` writes one"))?;
+        toml::from_str(&text)
+            .map_err(|e| format!("{place}: {}; a file of `vservo teach` is expected", e.message()))
+    }
+
     /// The text of the file.
     #[must_use]
     pub fn to_toml(&self) -> String {
@@ -94,12 +112,8 @@ pub(super) fn resolve(
     }
     let path = absolute(KEY, &name);
     let place = path.display();
-    let text = match file::read(&path, file::MAX_TOML) {
-        Ok(text) => text,
-        Err(e) => return wrong(format!("{place} cannot be read: {e}; `vservo teach --out FILE` writes one")),
-    };
-    match toml::from_str::<GoalFile>(&text) {
-        Err(e) => wrong(format!("{place}: {}; a file of `vservo teach` is expected", e.message())),
+    match GoalFile::load(&path) {
+        Err(why) => wrong(why),
         Ok(goal) if goal.target != word(raw.target.kind) => {
             let kind = word(raw.target.kind);
             wrong(format!("{place} is of a target of kind \"{}\", target.kind is \"{kind}\"", goal.target));
@@ -124,8 +138,16 @@ mod tests {
     fn goal(target: &str, count: usize) -> GoalFile {
         let s = [[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]];
         let features = (0..).zip(s).take(count);
-        let features = features.map(|(id, s)| GoalFeature { id, s, px: [0.0; 2], spread_px: 0.01 }).collect();
-        GoalFile { target: target.into(), measurements: 10, thumbnail: None, pose: None, features }
+        let features =
+            features.map(|(id, s)| GoalFeature { id, s, px: None, spread_px: Some(0.01) }).collect();
+        GoalFile {
+            target: target.into(),
+            measurements: Some(10),
+            q_rad_or_m: Vec::new(),
+            thumbnail: None,
+            pose: None,
+            features,
+        }
     }
 
     fn load(goal: &GoalFile, more: &[&str]) -> Result<Config, String> {

@@ -42,27 +42,7 @@ pub(super) fn is_form(key: &str) -> bool {
 
 /// Makes position and roll, pitch, yaw of every pose, however it is written.
 pub(super) fn resolve(raw: &mut RawConfig, document: &Document, problems: &mut Vec<Problem>) {
-    let mut one = |key: &str, table: &mut dyn PoseTable| {
-        let mut wrong = |name: &str, message: String| {
-            problems.push(document.problem(&format!("{key}.{name}"), message));
-        };
-        let forms = table.take_forms();
-        let Some(form) = the_one(key, document, &mut wrong) else { return };
-        let rotation = match form {
-            RPY_DEG => forms.rpy_deg.and_then(|rpy| of_degrees(rpy, &mut wrong)),
-            XYZW => forms.xyzw.and_then(|xyzw| of_quaternion(xyzw, &mut wrong)),
-            VECTOR_RAD => forms.vector_rad.and_then(|vector| of_vector(vector, &mut wrong)),
-            MATRIX => forms.matrix.and_then(|rows| {
-                let (position_m, R) = of_matrix(&rows, &mut wrong)?;
-                table.set_position_m(position_m);
-                Some(roll_pitch_yaw(&R))
-            }),
-            _ => None,
-        };
-        if let Some(rpy_rad) = rotation {
-            table.set_rotation_rpy_rad(rpy_rad);
-        }
-    };
+    let mut one = |key: &str, table: &mut dyn PoseTable| resolve_one(key, table, document, problems);
     one("camera.mount", &mut raw.camera.mount);
     for (i, camera) in raw.cameras.iter_mut().enumerate() {
         one(&format!("cameras[{i}].mount"), &mut camera.mount);
@@ -78,6 +58,34 @@ pub(super) fn resolve(raw: &mut RawConfig, document: &Document, problems: &mut V
     }
     if let Some(X) = raw.stereo.as_mut().and_then(|stereo| stereo.right_in_left.as_mut()) {
         one("stereo.right_in_left", X);
+    }
+}
+
+/// The same of the pose in the table at `key`.
+pub(super) fn resolve_one(
+    key: &str,
+    table: &mut dyn PoseTable,
+    document: &Document,
+    problems: &mut Vec<Problem>,
+) {
+    let mut wrong = |name: &str, message: String| {
+        problems.push(document.problem(&format!("{key}.{name}"), message));
+    };
+    let forms = table.take_forms();
+    let Some(form) = the_one(key, document, &mut wrong) else { return };
+    let rotation = match form {
+        RPY_DEG => forms.rpy_deg.and_then(|rpy| of_degrees(rpy, &mut wrong)),
+        XYZW => forms.xyzw.and_then(|xyzw| of_quaternion(xyzw, &mut wrong)),
+        VECTOR_RAD => forms.vector_rad.and_then(|vector| of_vector(vector, &mut wrong)),
+        MATRIX => forms.matrix.and_then(|rows| {
+            let (position_m, R) = of_matrix(&rows, &mut wrong)?;
+            table.set_position_m(position_m);
+            Some(roll_pitch_yaw(&R))
+        }),
+        _ => None,
+    };
+    if let Some(rpy_rad) = rotation {
+        table.set_rotation_rpy_rad(rpy_rad);
     }
 }
 

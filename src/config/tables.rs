@@ -4,20 +4,23 @@
 //! tables and few known keys, so the number of passes does not grow with the file.
 
 use super::problem::{Problem, first};
-use super::raw::RawConfig;
 use super::source::Document;
 use crate::input::number;
+use serde::de::DeserializeOwned;
 use toml::{Table, Value};
 
 /// Longest list that any key takes, so that a hostile one is reported once: the widest, taught points, has 64 entries of some numbers.
 const LONGEST_LIST: usize = 256;
 
-/// Reads the tables; adds what is wrong to `problems`. Gives how many unknown keys there are beside those.
-pub(super) fn read(document: &mut Document, problems: &mut Vec<Problem>) -> (RawConfig, usize) {
+/// Reads the tables of a file; adds what is wrong to `problems`. Gives how many unknown keys there are beside those.
+pub(super) fn read<T: DeserializeOwned + Default>(
+    document: &mut Document,
+    problems: &mut Vec<Problem>,
+) -> (T, usize) {
     let mut more = set_long_lists_aside(document, problems);
     loop {
         let value = Value::Table(document.table.clone());
-        let error = match serde_path_to_error::deserialize::<_, RawConfig>(value) {
+        let error = match serde_path_to_error::deserialize::<_, T>(value) {
             Ok(raw) => return (raw, more),
             Err(error) => error,
         };
@@ -33,7 +36,7 @@ pub(super) fn read(document: &mut Document, problems: &mut Vec<Problem>) -> (Raw
         }
         problems.push(document.problem(&path, message));
         if !document.remove(&path) {
-            return (RawConfig::default(), more); // nothing left to set aside: the problem itself is reported
+            return (T::default(), more); // nothing left to set aside: the problem itself is reported
         }
     }
 }

@@ -19,6 +19,7 @@ use super::target::target;
 use super::{Camera, Config, Document, GoalTolerance, Problem, Realtime, RealtimeRequest, Safety, Start};
 use crate::control::safety::ContactReaction;
 use crate::drive::CommandMode;
+use crate::mission::requests::{HOLD_S, TOLERANCE_PX};
 use crate::scene::SceneMotion;
 use crate::servo::ServoSettings;
 use crate::time::SpanNs;
@@ -46,8 +47,8 @@ pub(super) fn validate(
 
     let duration = SpanNs::from_s(check.range("run.duration_s", raw.run.duration_s, 0.01..=86_400.0));
     let goal = GoalTolerance {
-        feature_error_px: check.range("goal.feature_error_px", raw.goal.feature_error_px, 1e-6..=100.0),
-        hold: SpanNs::from_s(check.range("goal.hold_s", raw.goal.hold_s, 0.0..=60.0)),
+        feature_error_px: check.range("goal.feature_error_px", raw.goal.feature_error_px, TOLERANCE_PX),
+        hold: SpanNs::from_s(check.range("goal.hold_s", raw.goal.hold_s, HOLD_S)),
         is_taught: raw.servo.set_point.kind == SetPointKind::Taught,
         measurements: raw.servo.set_point.measurements,
     };

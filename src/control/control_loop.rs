@@ -181,6 +181,18 @@ impl<const N: usize> ControlLoop<N> {
         Ok(())
     }
 
+    /// Takes a request of a client and, where it is accepted, the order that carries what it asks for.
+    ///
+    /// # Errors
+    /// When the lifecycle refuses the request, with the reason.
+    pub fn request_with(&mut self, request: Request, order: Option<&ControlOrder<N>>) -> Result<(), Refusal> {
+        self.request(request)?;
+        if let Some(order) = order {
+            self.obey(order);
+        }
+        Ok(())
+    }
+
     /// Takes an order of the mission.
     pub fn obey(&mut self, order: &ControlOrder<N>) {
         match order {
@@ -191,6 +203,8 @@ impl<const N: usize> ControlLoop<N> {
             }
             ControlOrder::Goal(goal) => self.controller.set_goal(goal.clone()),
             ControlOrder::Waypoint(q) => self.controller.add_waypoint(q),
+            ControlOrder::Posture(q) => self.controller.go_to(q),
+            ControlOrder::Gain(gain_1_s) => self.controller.set_gain(*gain_1_s),
             ControlOrder::Excite(motion) => self.controller.excite(motion),
             ControlOrder::ReduceGain => {
                 let _ = self.controller.reduce_gain();

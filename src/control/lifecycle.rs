@@ -11,9 +11,11 @@
 //!             └─┼─────────────────▲
 //!               │ taught, hold    stop: from everywhere to Stopping; failed: from everywhere to Failing
 //!               └──── reset ──── Fault ◄── at rest ── Failing
+//!
+//!   Moving: from everywhere but Teaching, Stopping, Failing and Fault by the requests goto and jog ─► Held, when the posture is reached
 //! ```
-//! The arm moves in `Servoing`, under the servo law, and in `Returning`, to the posture from which the target was seen last. In all
-//! other states it is at rest, or brakes until it is.
+//! The arm moves in `Servoing`, under the servo law, in `Returning`, to the posture from which the target was seen last, and in `Moving`, to a posture
+//! that was asked for. In all other states it is at rest, or brakes until it is.
 
 use crate::messages::ControlState;
 
@@ -32,6 +34,8 @@ pub enum State {
     Holding,
     /// The view was lost: the arm returns to where it saw the whole target last, and resumes by itself when the view is back.
     Returning,
+    /// On the way to a posture that was asked for.
+    Moving,
     /// Held on request: the arm brakes and rests until the request `start`.
     Held,
     /// The arm brakes, and is idle once it is at rest.
@@ -50,7 +54,7 @@ pub enum Request {
     Start = 1,
     /// Brake and hold, until the next start.
     Hold = 2,
-    /// Take the features in view as the goal.
+    /// Take the features in view as the goal, once the arm is at rest.
     Teach = 3,
     /// Clear the fault.
     Reset = 4,
@@ -58,6 +62,14 @@ pub enum Request {
     Stop = 5,
     /// Brake, and end the run.
     Shutdown = 6,
+    /// Another goal.
+    Goal = 7,
+    /// Move to a posture, and hold.
+    Goto = 8,
+    /// Move by a little, and hold.
+    Jog = 9,
+    /// Change what may change in a running loop.
+    Set = 10,
 }
 
 /// The events that cause transitions.
@@ -75,6 +87,8 @@ pub enum Cue {
     Returned,
     /// The goal is taught.
     Taught,
+    /// The posture that was asked for is reached.
+    Arrived,
     /// The measured arm stands.
     AtRest,
     /// Something failed.
@@ -116,12 +130,40 @@ pub enum Refusal {
     UnknownArm = 9,
     /// The run still waits for what it needs.
     NotReady = 10,
+    /// There is no such camera.
+    UnknownCamera = 11,
+    /// The numbers of the request are none that it takes.
+    WrongNumbers = 12,
+    /// A goal of other points than those of the target.
+    OtherPoints = 13,
+    /// A goal in which the target is not in the image.
+    OutOfView = 14,
+    /// A posture outside the joints' ranges.
+    OutOfRange = 15,
+    /// No posture of this arm has the camera there.
+    OutOfReach = 16,
+    /// Farther than one jog goes.
+    TooFar = 17,
+    /// The law has no single gain.
+    NoGain = 18,
+    /// The run has no arm that it moves.
+    NoArm = 19,
 }
 
 impl Request {
     /// All requests.
-    pub const ALL: [Self; 6] =
-        [Self::Start, Self::Hold, Self::Teach, Self::Reset, Self::Stop, Self::Shutdown];
+    pub const ALL: [Self; 10] = [
+        Self::Start,
+        Self::Hold,
+        Self::Teach,
+        Self::Reset,
+        Self::Stop,
+        Self::Shutdown,
+        Self::Goal,
+        Self::Goto,
+        Self::Jog,
+        Self::Set,
+    ];
 
     /// The word of `vservo ctl`.
     #[must_use]
@@ -133,6 +175,10 @@ impl Request {
             Self::Reset => "reset",
             Self::Stop => "stop",
             Self::Shutdown => "shutdown",
+            Self::Goal => "goal",
+            Self::Goto => "goto",
+            Self::Jog => "jog",
+            Self::Set => "set",
         }
     }
 
@@ -145,7 +191,7 @@ impl Request {
 
 impl Refusal {
     /// All reasons.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 19] = [
         Self::InFault,
         Self::NoFault,
         Self::StillMoving,
@@ -156,6 +202,15 @@ impl Refusal {
         Self::UnknownRequest,
         Self::UnknownArm,
         Self::NotReady,
+        Self::UnknownCamera,
+        Self::WrongNumbers,
+        Self::OtherPoints,
+        Self::OutOfView,
+        Self::OutOfRange,
+        Self::OutOfReach,
+        Self::TooFar,
+        Self::NoGain,
+        Self::NoArm,
     ];
 
     /// The reason and the remedy, for people.
@@ -174,6 +229,28 @@ impl Refusal {
             }
             Self::UnknownArm => "this run has one arm, number 0",
             Self::NotReady => "the run is still starting: it waits for its external drive",
+            Self::UnknownCamera => "goals of this run are seen by one camera, number 0",
+            Self::WrongNumbers => {
+                "its numbers are none that this run takes: a posture needs one for each joint, and all must be finite and within the bounds that \
+                 the run file has for them"
+            }
+            Self::OtherPoints => {
+                "the goal is of other points than the target of this run: teach it with the same run file, or give a pose"
+            }
+            Self::OutOfView => {
+                "the target would not be in the image at that goal: a goal is the pose of the target in the camera, x to the right, y down, z \
+                 ahead"
+            }
+            Self::OutOfRange => "a joint would leave its range there",
+            Self::OutOfReach => "no posture of this arm near the present one has the camera there",
+            Self::TooFar => {
+                "one jog moves a joint by 0.2 rad or 0.05 m at most, and the camera by 0.05 m and 0.2 rad: `goto` goes farther"
+            }
+            Self::NoGain => {
+                "this law has no single gain: that of schemes B, D and hybrid can be set where servo.gain_1_s is one number and \
+                 servo.adaptive_gain is left out"
+            }
+            Self::NoArm => "this run has no arm that it could move",
         }
     }
 
@@ -186,13 +263,14 @@ impl Refusal {
 
 impl State {
     /// All states.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::Idle,
         Self::Waiting,
         Self::Teaching,
         Self::Servoing,
         Self::Holding,
         Self::Returning,
+        Self::Moving,
         Self::Held,
         Self::Stopping,
         Self::Failing,
@@ -202,7 +280,7 @@ impl State {
     /// Whether the arm moves by itself.
     #[must_use]
     pub fn moves(self) -> bool {
-        matches!(self, Self::Servoing | Self::Returning)
+        matches!(self, Self::Servoing | Self::Returning | Self::Moving)
     }
 
     /// Its code in a message.
@@ -215,6 +293,7 @@ impl State {
             Self::Servoing => ControlState::Servoing,
             Self::Holding => ControlState::Holding,
             Self::Returning => ControlState::Returning,
+            Self::Moving => ControlState::Moving,
             Self::Held => ControlState::Held,
             Self::Stopping => ControlState::Stopping,
             Self::Failing | Self::Fault => ControlState::Fault,
@@ -225,29 +304,35 @@ impl State {
     #[must_use]
     pub fn next(self, cue: Cue) -> Step {
         use Refusal::{AlreadyStarted, InFault, NoFault, NotStarted, StillMoving};
-        use State::{Failing, Fault, Held, Holding, Idle, Returning, Servoing, Stopping, Teaching, Waiting};
+        use State::{
+            Failing, Fault, Held, Holding, Idle, Moving, Returning, Servoing, Stopping, Teaching, Waiting,
+        };
         use Step::{Refuse, Stay, To};
         match cue {
             Cue::Request(request) => match (self, request) {
                 (Fault, Request::Reset) => To(Idle),
                 (Failing, Request::Reset) => Refuse(StillMoving),
                 // The arm stands or slows down already, and stays in fault.
-                (Fault | Failing, Request::Stop | Request::Shutdown) => Stay,
+                (Fault | Failing, Request::Stop | Request::Shutdown | Request::Set) => Stay,
                 (Fault | Failing, _) => Refuse(InFault),
                 (_, Request::Reset) => Refuse(NoFault),
                 (Idle | Stopping, Request::Stop) | (Stopping, Request::Shutdown) => Stay,
                 (_, Request::Stop | Request::Shutdown) => To(Stopping),
-                (Stopping, _) => Refuse(StillMoving),
-                (Idle | Held, Request::Start) => To(Waiting),
-                (Teaching, Request::Start) => Refuse(Refusal::Teaching),
-                (Waiting | Servoing | Holding | Returning, Request::Start | Request::Teach) => {
-                    Refuse(AlreadyStarted)
+                (_, Request::Set) => Stay,
+                (Teaching, Request::Start | Request::Goal | Request::Goto | Request::Jog) => {
+                    Refuse(Refusal::Teaching)
                 }
-                (Idle | Held, Request::Teach) => To(Teaching),
+                (_, Request::Goal) => Stay,
+                (Stopping, _) | (Moving, Request::Start | Request::Teach) => Refuse(StillMoving),
+                (Idle | Held, Request::Start) => To(Waiting),
+                (Waiting | Servoing | Holding | Returning, Request::Start) => Refuse(AlreadyStarted),
                 (Teaching, Request::Teach) => Stay,
+                (_, Request::Teach) => To(Teaching),
+                (Moving, Request::Goto | Request::Jog) => Stay,
+                (_, Request::Goto | Request::Jog) => To(Moving),
                 (Idle, Request::Hold) => Refuse(NotStarted),
                 (Held, Request::Hold) => Stay,
-                (Waiting | Teaching | Servoing | Holding | Returning, Request::Hold) => To(Held),
+                (Waiting | Teaching | Servoing | Holding | Returning | Moving, Request::Hold) => To(Held),
             },
             Cue::Failed => match self {
                 Failing | Fault => Stay,
@@ -271,6 +356,10 @@ impl State {
             },
             Cue::Taught => match self {
                 Teaching => To(Held),
+                _ => Stay,
+            },
+            Cue::Arrived => match self {
+                Moving => To(Held),
                 _ => Stay,
             },
             Cue::AtRest => match self {

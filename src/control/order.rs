@@ -15,6 +15,10 @@ pub enum ControlOrder<const N: usize> {
     Goal(SetPoint),
     /// Appends a waypoint, rad or m.
     Waypoint(SVector<f64, N>),
+    /// Moves to a posture, rad or m, in the state `Moving`.
+    Posture(SVector<f64, N>),
+    /// Sets the gain of the law, 1/s.
+    Gain(f64),
     /// Sets the excitation motion of a calibration.
     Excite(ExcitationMotion<N>),
     /// Reduces the gain and the estimation rate, for an arm that oscillates about its goal.

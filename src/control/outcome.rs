@@ -3,6 +3,9 @@
 use super::safety::Fault;
 use serde::{Deserialize, Serialize};
 
+/// The exit code of what was stopped before it was done. Chosen: the next one that is free.
+pub const STOPPED: u8 = 6;
+
 /// How a run ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -32,7 +35,13 @@ impl Outcome {
         }
     }
 
-    /// The exit code of a run that ended like this.
+    /// The exit code of a run that ended like this. A run that was to reach something (`awaited`) and was stopped before has not done it.
+    #[must_use]
+    pub fn exit_code_of(self, awaited: bool) -> u8 {
+        if self == Self::Stopped && awaited { STOPPED } else { self.exit_code() }
+    }
+
+    /// The exit code of a run that ended like this, where a stop is an end as good as any.
     #[must_use]
     pub fn exit_code(self) -> u8 {
         match self {

@@ -180,6 +180,37 @@ pub enum Event {
     Returning,
     /// The requested motion is complete.
     MotionOver,
+    /// The goal that was reached and held is not met any more, and the run goes on.
+    GoalLeft,
+    /// The posture that was asked for is reached.
+    Arrived,
+}
+
+impl Event {
+    /// Its word in a log.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Holding => "holding",
+            Self::Resumed => "resumed",
+            Self::Stopping => "stopping",
+            Self::Fault(_) => "fault",
+            Self::StampFromFuture => "stamp_from_future",
+            Self::Inconsistent => "inconsistent",
+            Self::Degraded => "degraded",
+            Self::WholeAgain => "whole_again",
+            Self::StartsElsewhere => "starts_elsewhere",
+            Self::Taught => "taught",
+            Self::Requested(_) => "requested",
+            Self::GoalReached => "goal_reached",
+            Self::ImpossiblePose => "impossible_pose",
+            Self::GainReduced => "gain_reduced",
+            Self::Returning => "returning",
+            Self::MotionOver => "motion_over",
+            Self::GoalLeft => "goal_left",
+            Self::Arrived => "arrived",
+        }
+    }
 }
 
 /// The events of one tick, in their order.

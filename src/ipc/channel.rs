@@ -20,6 +20,8 @@ pub enum Channel {
     Status,
     /// Requests to control.
     Command,
+    /// Requests that control has answered.
+    Request,
     /// Commands to an external drive.
     DriveCommand,
     /// States of an external drive.
@@ -36,6 +38,7 @@ impl fmt::Display for Channel {
             Self::JointState => f.write_str("control/joint_state"),
             Self::Trace => f.write_str("control/trace"),
             Self::Status => f.write_str("control/status"),
+            Self::Request => f.write_str("control/request"),
             Self::Command => f.write_str("control/command"),
             Self::DriveCommand => f.write_str("drive/command"),
             Self::DriveState => f.write_str("drive/state"),

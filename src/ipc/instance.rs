@@ -309,7 +309,7 @@ impl Instance {
     }
 
     /// What the process that plays `role` now has in common with the others; `None` where there is none, or it has not said it yet.
-    pub(super) fn agreement_of(&self, role: Role) -> Option<Agreement> {
+    pub(crate) fn agreement_of(&self, role: Role) -> Option<Agreement> {
         let place = RuntimeDir::open(&self.directory_name()).ok()??;
         let file = place.open_file(&lock_name(role), OFlags::RDWR).ok()??;
         let is_held = flock(&file, FlockOperation::NonBlockingLockShared) == Err(Errno::WOULDBLOCK);

@@ -9,11 +9,12 @@
 //! control/joint_state        JointState                 1 kHz     control    camera
 //! control/trace              TraceMsg                    1 kHz     control    recorders
 //! control/status             Status                     50 Hz     control    supervisor, views
+//! control/request            RequestMsg                 on demand control    recorders
 //! control/command            ControlCommand, -Answer    on demand ctl        control, which answers
 //! drive/command              DriveCommandMsg            1 kHz     control    external drive
 //! drive/state                DriveStateMsg              1 kHz     ext. drive control
 //! ```
-//! All but health, status, trace and command have an event of the same name beside them that wakes the reader.
+//! All but health, status, trace, request and command have an event of the same name beside them that wakes the reader.
 
 mod agreement;
 mod caretaker;

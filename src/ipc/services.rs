@@ -8,13 +8,13 @@ use super::channel::Channel;
 use super::command::{CommandClient, CommandServer};
 use super::frame_shape::{FrameShape, MAX_READERS};
 use super::ports::{
-    FrameReceiver, FrameSender, QuietFrameReceiver, QuietSender, Receiver, Sender, WakeListener, WakeNotifier,
+    FrameReceiver, FrameSender, QuietFrameReceiver, Receiver, Sender, WakeListener, WakeNotifier,
 };
 use super::presence::{DrivePresence, PeerPresence, type_of, type_of_service};
 use super::{Instance, InstanceError, IpcError, Node, PubSub};
 use crate::messages::{
     CameraHealth, CameraId, ControlAnswer, ControlCommand, DriveCommandMsg, DriveStateMsg, FrameHeader,
-    JointState, Measurement, Status, TraceMsg,
+    JointState, Measurement, Status,
 };
 use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
@@ -180,20 +180,6 @@ impl Services {
     pub fn joint_state_receiver(&self) -> Result<(Receiver<JointState>, WakeListener), IpcError> {
         let receiver = self.receiver(Channel::JointState, JOINT_STATE_BUFFER, JOINT_STATE_BUFFER)?;
         Ok((receiver, self.wake_listener(Channel::JointState)?))
-    }
-
-    /// Control's end of `control/trace`.
-    ///
-    /// # Errors
-    /// When the service or the port cannot be made.
-    pub fn trace_sender(&self) -> Result<QuietSender<TraceMsg>, IpcError> {
-        let (service, made) = (Channel::Trace, self.publish_subscribe(Channel::Trace, TRACE_BUFFER)?);
-        let port = made
-            .publisher_builder()
-            .backpressure_strategy(BackpressureStrategy::DiscardData)
-            .create()
-            .map_err(|e| port_error(service, e))?;
-        Ok(QuietSender::new(service, made, port))
     }
 
     /// Control's end of `control/status`.

@@ -1,26 +1,117 @@
 //! Requests to control and its answers: `control/command`.
 
-use super::MAX_JOINTS;
 use super::layout::record;
+use super::{MAX_FEATURES, MAX_JOINTS};
 #[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
 
+/// Numbers that a request can carry: two for each of the features of a goal.
+pub const COMMAND_VALUES: usize = 2 * MAX_FEATURES;
+
 record! {
-    "vservo.ControlCommand.v1",
+    "vservo.ControlCommand.v2",
     /// A request to control.
-    #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+    #[derive(Debug, Clone, Copy, PartialEq)]
     pub struct ControlCommand {
         /// Code of a [`crate::control::lifecycle::Request`]; 0 asks for the answer alone, and every other code is refused.
         pub request: u32,
         /// Which arm: 0; a request for any other is refused.
         pub arm: u32,
+        /// The camera that a goal is meant for: 0; a request for any other is refused.
+        pub camera: u32,
+        /// What the numbers are: code of a [`CommandForm`].
+        pub form: u32,
+        /// Entries of `values` in use.
+        pub count: u32,
+        /// For later; zero.
+        pub reserved: u32,
+        /// With the form [`CommandForm::Features`], which point each two values belong to.
+        pub ids: [u32; MAX_FEATURES],
+        /// The numbers.
+        pub values: [f64; COMMAND_VALUES],
+    }
+}
+
+impl Default for ControlCommand {
+    fn default() -> Self {
+        Self {
+            request: 0,
+            arm: 0,
+            camera: 0,
+            form: 0,
+            count: 0,
+            reserved: 0,
+            ids: [0; MAX_FEATURES],
+            values: [0.0; COMMAND_VALUES],
+        }
+    }
+}
+
+/// What the numbers of a request are.
+#[repr(u32)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum CommandForm {
+    /// Desired features: normalized image coordinates x, y of each point.
+    Features = 1,
+    /// Desired pose X_DO of the object in the camera at the goal: position, m, and unit quaternion x, y, z, w.
+    Pose = 2,
+    /// Joint positions, or for `jog` displacements of the joints, rad or m.
+    Joints = 3,
+    /// A displacement of the camera in its own frame: position, m, and rotation vector, rad.
+    CameraMotion = 4,
+    /// Gain of a resolved-velocity law, 1/s.
+    Gain = 5,
+    /// Largest root mean square feature error at which the goal counts as reached, px.
+    Tolerance = 6,
+    /// Time for which the goal must be held, s.
+    Hold = 7,
+}
+
+impl CommandForm {
+    /// All forms.
+    pub const ALL: [Self; 7] = [
+        Self::Features,
+        Self::Pose,
+        Self::Joints,
+        Self::CameraMotion,
+        Self::Gain,
+        Self::Tolerance,
+        Self::Hold,
+    ];
+
+    /// The form of a code in a message.
+    #[must_use]
+    pub fn from_code(code: u32) -> Option<Self> {
+        Self::ALL.into_iter().find(|form| *form as u32 == code)
+    }
+}
+
+impl ControlCommand {
+    /// The request with this code, without numbers.
+    #[must_use]
+    pub fn of(request: u32) -> Self {
+        Self { request, ..Self::default() }
+    }
+
+    /// The request with this code and with `numbers`; `None` where they are too many.
+    #[must_use]
+    pub fn with_numbers(request: u32, form: CommandForm, numbers: &[f64]) -> Option<Self> {
+        let mut command = Self { form: form as u32, count: numbers.len() as u32, ..Self::of(request) };
+        command.values.get_mut(..numbers.len())?.copy_from_slice(numbers);
+        Some(command)
+    }
+
+    /// Its numbers.
+    #[must_use]
+    pub fn numbers(&self) -> &[f64] {
+        self.values.get(..self.count as usize).unwrap_or_default()
     }
 }
 
 record! {
-    "vservo.ControlAnswer.v2",
+    "vservo.ControlAnswer.v4",
     /// The answer to a request, with the state of the run.
-    #[derive(Debug, Clone, Copy, Default, PartialEq)]
+    #[derive(Debug, Clone, Copy, PartialEq)]
     pub struct ControlAnswer {
         /// The request that this answers.
         pub request: u32,
@@ -40,8 +131,8 @@ record! {
         pub arm: u32,
         /// Code of a [`super::CameraState`] of a real camera.
         pub camera_state: u32,
-        /// For later; zero.
-        pub reserved: u32,
+        /// Number of the goal in the run: 0 is that of the run file, each new one has the next number.
+        pub goal: u32,
         /// Number of the control tick.
         pub tick: u64,
         /// Time since the first tick, s.
@@ -54,10 +145,47 @@ record! {
         pub orientation_error_rad: f64,
         /// For how long the camera has been in its state, s; NaN where unknown.
         pub camera_state_s: f64,
+        /// For how long the goal has been reached and held, s; NaN where it is not, or was left again.
+        pub at_goal_s: f64,
         /// Measured joint positions, rad or m.
         pub q: [f64; MAX_JOINTS],
         /// Measured joint velocities, rad/s or m/s.
         pub qd: [f64; MAX_JOINTS],
+        /// Points of the goal.
+        pub goal_points: u64,
+        /// Which points they are.
+        pub goal_ids: [u32; MAX_FEATURES],
+        /// Their desired features: normalized image coordinates x, y of each.
+        pub goal_features: [f64; COMMAND_VALUES],
+    }
+}
+
+impl Default for ControlAnswer {
+    fn default() -> Self {
+        Self {
+            request: 0,
+            refusal: 0,
+            state: 0,
+            fault: 0,
+            target: 0,
+            joints: 0,
+            flags: 0,
+            arm: 0,
+            camera_state: 0,
+            goal: 0,
+            tick: 0,
+            time_s: 0.0,
+            feature_error_px: f64::NAN,
+            position_error_m: f64::NAN,
+            orientation_error_rad: f64::NAN,
+            camera_state_s: f64::NAN,
+            at_goal_s: f64::NAN,
+            q: [0.0; MAX_JOINTS],
+            qd: [0.0; MAX_JOINTS],
+            goal_points: 0,
+            goal_ids: [0; MAX_FEATURES],
+            goal_features: [0.0; COMMAND_VALUES],
+        }
     }
 }
 
@@ -75,12 +203,13 @@ mod tests {
     #[test]
     #[allow(unsafe_code)]
     fn layouts_are_fixed_and_named() {
-        assert_eq!((size_of::<ControlCommand>(), align_of::<ControlCommand>()), (8, 4));
-        assert_eq!((size_of::<ControlAnswer>(), align_of::<ControlAnswer>()), (200, 8));
+        assert_eq!((size_of::<ControlCommand>(), align_of::<ControlCommand>()), (1304, 8));
+        assert_eq!((size_of::<ControlAnswer>(), align_of::<ControlAnswer>()), (1496, 8));
+        assert_eq!((offset_of!(ControlCommand, ids), offset_of!(ControlCommand, values)), (24, 280));
         assert_eq!(offset_of!(ControlAnswer, tick), 40);
-        assert_eq!(offset_of!(ControlAnswer, q), 88);
+        assert_eq!(offset_of!(ControlAnswer, q), 96);
         // SAFETY: the names are only read.
         let names = unsafe { (ControlCommand::type_name(), ControlAnswer::type_name()) };
-        assert_eq!(names, ("vservo.ControlCommand.v1", "vservo.ControlAnswer.v2"));
+        assert_eq!(names, ("vservo.ControlCommand.v2", "vservo.ControlAnswer.v4"));
     }
 }

@@ -7,7 +7,7 @@
 //! ```text
 //! camera --FrameHeader + [u8]--> vision --Measurement--> control --JointState--> camera
 //! camera --CameraHealth--> control                       │  ├------Status--> supervisor, views
-//!                                                        │  └----TraceMsg--> recorder
+//!                                                        │  └----TraceMsg, RequestMsg--> recorder
 //!                                                        └-DriveCommandMsg--> external drive --DriveStateMsg--> control
 //! ```
 
@@ -19,6 +19,7 @@ mod frame;
 mod joint_state;
 mod layout;
 mod measurement;
+mod request;
 mod status;
 #[cfg(test)]
 mod tests;
@@ -26,12 +27,13 @@ mod trace;
 
 pub use camera_health::{CameraHealth, CameraState, health_flag};
 pub use camera_id::CameraId;
-pub use command::{ControlAnswer, ControlCommand, answer_flag};
+pub use command::{COMMAND_VALUES, CommandForm, ControlAnswer, ControlCommand, answer_flag};
 pub use drive::{DriveCommandMsg, DriveStateMsg, drive_flag};
 pub use frame::{FrameHeader, frame_flag};
 pub use joint_state::{JointState, joint_flag};
 pub use layout::{FieldType, FieldValue, MessageRecord, RecordField, RecordLayout};
 pub use measurement::{FeaturePoint, Measurement, TargetStatus, measurement_flag};
+pub use request::RequestMsg;
 pub use status::{ControlState, Status, status_flag};
 pub use trace::{TRACE_LIMITS, TraceMsg, trace_flag};
 

@@ -32,9 +32,27 @@ pub enum ControlState {
     Held = 9,
     /// Measurements stopped: the arm returns to the posture of the last complete measurement.
     Returning = 10,
+    /// The arm moves to a posture on request.
+    Moving = 11,
 }
 
 impl ControlState {
+    /// All states.
+    pub const ALL: [Self; 12] = [
+        Self::Waiting,
+        Self::Servoing,
+        Self::Holding,
+        Self::Converged,
+        Self::Stopped,
+        Self::Fault,
+        Self::Idle,
+        Self::Teaching,
+        Self::Stopping,
+        Self::Held,
+        Self::Returning,
+        Self::Moving,
+    ];
+
     /// The state of a code in a message; an unknown one counts as [`Self::Fault`].
     #[must_use]
     pub fn from_code(code: u32) -> Self {
@@ -49,6 +67,7 @@ impl ControlState {
             8 => Self::Stopping,
             9 => Self::Held,
             10 => Self::Returning,
+            11 => Self::Moving,
             _ => Self::Fault,
         }
     }
@@ -68,6 +87,7 @@ impl ControlState {
             Self::Stopping => "stopping",
             Self::Held => "held",
             Self::Returning => "returning",
+            Self::Moving => "moving",
         }
     }
 }
@@ -79,7 +99,7 @@ pub mod status_flag {
 }
 
 record! {
-    "vservo.Status.v4",
+    "vservo.Status.v5",
     /// State of the run, in a flat record, so that plotting tools can show every field.
     #[derive(Debug, Clone, Copy, Default, PartialEq)]
     pub struct Status {
@@ -125,6 +145,8 @@ record! {
         /// Share of the gain at which the slowest error near the goal falls with what the law believes of depth, lens, mount and target, as
         /// `vservo check` tells it (`stability`); 0 or less: unstable. NaN for other laws than scheme D, and without a scene.
         pub stability: f64,
+        /// For how long the goal has been reached and held, s; NaN where it is not, or was left again.
+        pub at_goal_s: f64,
         /// Code of a [`ControlState`]: what control does.
         pub state: u32,
         /// Code of the [`super::TargetStatus`] of the last measurement.
@@ -139,7 +161,7 @@ record! {
         pub flags: u32,
         /// Code of a [`super::CameraState`] of a real camera.
         pub camera_state: u32,
-        /// For later; zero.
-        pub reserved: u32,
+        /// Number of the goal in the run: 0 is that of the run file, each new one has the next number.
+        pub goal: u32,
     }
 }

@@ -16,8 +16,8 @@ fn layouts_are_fixed() {
     assert_eq!((size_of::<JointState>(), align_of::<JointState>()), (432, 8));
     assert_eq!(offset_of!(JointState, q), 40);
     assert_eq!(offset_of!(JointState, q_true), 320);
-    assert_eq!((size_of::<Status>(), align_of::<Status>()), (232, 8));
-    assert_eq!(offset_of!(Status, state), 200);
+    assert_eq!((size_of::<Status>(), align_of::<Status>()), (240, 8));
+    assert_eq!(offset_of!(Status, state), 208);
 }
 
 #[test]
@@ -29,14 +29,14 @@ fn type_names_carry_their_version() {
         (unsafe { FrameHeader::type_name() }, "vservo.FrameHeader.v2"),
         (unsafe { Measurement::type_name() }, "vservo.Measurement.v2"),
         (unsafe { JointState::type_name() }, "vservo.JointState.v2"),
-        (unsafe { Status::type_name() }, "vservo.Status.v4"),
+        (unsafe { Status::type_name() }, "vservo.Status.v5"),
     ] {
         assert_eq!(name, wanted);
     }
 }
 
 /// All records.
-const LAYOUTS: [&RecordLayout; 10] = [
+const LAYOUTS: [&RecordLayout; 11] = [
     CameraHealth::LAYOUT,
     ControlAnswer::LAYOUT,
     ControlCommand::LAYOUT,
@@ -45,6 +45,7 @@ const LAYOUTS: [&RecordLayout; 10] = [
     FrameHeader::LAYOUT,
     JointState::LAYOUT,
     Measurement::LAYOUT,
+    RequestMsg::LAYOUT,
     Status::LAYOUT,
     TraceMsg::LAYOUT,
 ];
@@ -98,11 +99,11 @@ fn a_record_comes_back_from_its_bytes_to_the_bit() {
 
 #[test]
 fn codes_survive_the_message() {
-    for code in 0..12 {
+    for code in 0..14 {
         let status = TargetStatus::from_code(code);
         assert!(status as u32 == code || (status == TargetStatus::NoMatch && code > 8));
         let state = ControlState::from_code(code);
-        assert!(state as u32 == code || (state == ControlState::Fault && code > 9));
+        assert!(state as u32 == code || (state == ControlState::Fault && code > 11));
     }
 }
 

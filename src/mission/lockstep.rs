@@ -6,7 +6,7 @@ use crate::control::controller::Controller;
 use crate::control::lifecycle::{Refusal, Request};
 use crate::control::safety::Fault;
 use crate::control::trace::Trace;
-use crate::messages::{ControlState, JointState, Measurement};
+use crate::messages::{ControlCommand, ControlState, JointState, Measurement};
 use crate::time::MonoNs;
 
 /// A run whose mission is called after each tick: an order of tick k always takes effect at tick k + 1.
@@ -63,6 +63,17 @@ impl<const N: usize> LockstepRun<N> {
     /// When the lifecycle refuses the request, with the reason.
     pub fn request(&mut self, request: Request) -> Result<(), Refusal> {
         self.control.request(request)
+    }
+
+    /// Takes the request `number` of a client, with what it carries.
+    ///
+    /// # Errors
+    /// When it cannot be done, or the lifecycle refuses it, with the reason.
+    pub fn ask(&mut self, number: u64, request: Request, command: &ControlCommand) -> Result<(), Refusal> {
+        let order = self.mission.plan(number, request, command)?;
+        let answer = self.control.request_with(request, order.as_ref());
+        self.mission.decided(number, answer.is_ok());
+        answer
     }
 
     /// Reports a fault from outside the control core.

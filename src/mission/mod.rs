@@ -19,11 +19,13 @@
 
 mod errors;
 mod goal_path;
+mod goal_watch;
 mod lockstep;
 mod look_and_move;
 pub mod measurement_log;
 mod model_error;
 mod plan;
+pub mod requests;
 pub mod residual;
 pub mod run_end;
 mod status;
@@ -50,8 +52,10 @@ use crate::motion::ActingLimits;
 use crate::servo::{MeasurementVerdict, View};
 use crate::time::{MonoNs, TICK};
 use goal_path::TrackingSums;
+use goal_watch::GoalWatch;
 use measurement_log::MeasurementLog;
 use nalgebra::SVector;
+use requests::MissionChange;
 use residual::{AMBIGUOUS_VIEW, NO_NEARER, ResidualWatch, is_another_pose, why_it_stays};
 use run_end::RunEnd;
 use std::collections::VecDeque;
@@ -85,13 +89,17 @@ pub struct Mission<const N: usize> {
     truth: Option<Truth<N>>,
     measurements: MeasurementLog,
     teacher: Option<GoalTeacher>,
+    /// The first exposure that is taught from: the arm must stand.
+    teaches_from: Option<MonoNs>,
+    /// What changes here when control accepts the request of this number.
+    pending: VecDeque<(u64, MissionChange)>,
+    /// The cell in which requests of clients are planned.
+    cell: Option<BelievedCell<N>>,
     first: Option<MonoNs>,
     last: MonoNs,
     joint_state: JointState,
     state: ControlState,
-    goal_since: Option<MonoNs>,
-    /// Whether it was reported that the goal was held.
-    goal_told: bool,
+    goal_watch: GoalWatch,
     /// When the goal began to move on its path.
     path_began: Option<MonoNs>,
     tracking: TrackingSums,
@@ -129,12 +137,14 @@ impl<const N: usize> Mission<N> {
             truth,
             measurements: MeasurementLog::new(),
             teacher,
+            teaches_from: Some(MonoNs(i64::MIN)),
+            pending: VecDeque::new(),
+            cell: None,
             first: None,
             last: MonoNs::ZERO,
             joint_state: JointState::default(),
             state: ControlState::Waiting,
-            goal_since: None,
-            goal_told: false,
+            goal_watch: GoalWatch::default(),
             path_began: None,
             tracking: TrackingSums::default(),
             rest: RestWatch::default(),
@@ -151,6 +161,12 @@ impl<const N: usize> Mission<N> {
         }
     }
 
+    /// The same, which plans what clients ask for in `cell`.
+    #[must_use]
+    pub fn in_cell(self, cell: BelievedCell<N>) -> Self {
+        Self { cell: Some(cell), ..self }
+    }
+
     /// Takes in the trace of a tick, with its measurement, and adds the feature error, events, status and end. A trace that is lost
     /// is missing in the counts; nothing else depends on it.
     pub fn note(&mut self, trace: &mut Trace, measurement: Option<&Measurement>) {
@@ -160,6 +176,9 @@ impl<const N: usize> Mission<N> {
         self.rest.note(&DriveState { q: vector(&js.q), qd: vector(&js.qd), truth: None });
         self.acted = self.acted.with(&trace.limits);
         self.hear(trace);
+        if self.teacher.is_some() && self.teaches_from.is_none() && self.rest.is_at_rest() {
+            self.teaches_from = Some(now);
+        }
         self.move_goal(trace);
         if let RunTask::LookAndMove(task) = &mut self.task {
             task.note_arm(now, self.state, self.rest.is_at_rest());
@@ -203,13 +222,15 @@ impl<const N: usize> Mission<N> {
         for event in trace.events.iter() {
             match event {
                 Event::Requested(Request::Start) => {
-                    (self.goal_since, self.goal_told, self.is_reduced) = (None, false, false);
+                    (self.goal_watch, self.is_reduced) = (GoalWatch::default(), false);
                     // What an earlier start came to says nothing about this one.
                     self.residual.begin_anew();
                 }
                 Event::Requested(Request::Reset) => self.is_reduced = false,
                 Event::Requested(Request::Teach) => {
                     self.teacher = Some(GoalTeacher::new(self.plan.teaching_measurements));
+                    // An arm that was moving comes to rest first.
+                    self.teaches_from = self.rest.is_at_rest().then_some(MonoNs(i64::MIN));
                 }
                 Event::GainReduced => {
                     // One that was asked for again before the answer came has been met.
@@ -232,12 +253,13 @@ impl<const N: usize> Mission<N> {
         if self.state != ControlState::Teaching {
             self.teacher = None;
         }
-        let Some(teacher) = &mut self.teacher else { return };
+        let stands = self.teaches_from.is_some_and(|from| m.exposure >= from);
+        let Some(teacher) = self.teacher.as_mut().filter(|_| stands) else { return };
         let view = View::of(m, &self.goal.set_point);
         let view = view.filter(|_| verdict.is_some_and(MeasurementVerdict::is_used));
         let Some(taught) = view.and_then(|view| teacher.add(&view, &self.goal.set_point)) else { return };
-        (self.teacher, self.plan.path) = (None, None);
-        (self.goal.set_point, self.goal.id) = (taught.clone(), self.goal.id.saturating_add(1));
+        self.teacher = None;
+        self.set_goal(taught.clone());
         self.orders.push_back(ControlOrder::Goal(taught));
         if self.plan.service == (Service::OneShot { teaches: true }) {
             self.orders.push_back(ControlOrder::Request(Request::Start));
@@ -268,11 +290,8 @@ impl<const N: usize> Mission<N> {
         }
         self.residual.note_error(trace.time, error_px);
         self.note_tracking(m.exposure, error_px);
-        if error_px.is_nan() || error_px > self.goal.tolerance_px || !self.has_arrived(m.exposure) {
-            self.goal_since = None;
-        } else {
-            self.goal_since.get_or_insert(trace.time);
-        }
+        let arrived = self.has_arrived(m.exposure);
+        self.goal_watch.note_error(trace.time, error_px, self.goal.tolerance_px, arrived);
     }
 
     /// The next look of a look-and-move, until the end is decided.
@@ -331,11 +350,9 @@ impl<const N: usize> Mission<N> {
     fn reached(&mut self, trace: &mut Trace) -> Option<Finish> {
         let (now, servoing) = (trace.time, self.state == ControlState::Servoing);
         let has_goal = self.plan.closed_loop && matches!(self.task, RunTask::Servo | RunTask::LookAndMove(_));
-        let held = servoing && has_goal && self.goal_since.is_some_and(|since| now - since >= self.goal.hold);
+        let held = servoing && has_goal && self.goal_watch.is_held(now, self.goal.hold);
         if self.plan.service == Service::Served {
-            if held && !std::mem::replace(&mut self.goal_told, true) {
-                trace.events.push(Event::GoalReached);
-            }
+            self.goal_watch.change(servoing, held).into_iter().for_each(|event| trace.events.push(event));
             return None;
         }
         if let Some(finish) = self.task.refused() {
@@ -380,6 +397,12 @@ impl<const N: usize> Mission<N> {
     #[must_use]
     pub fn goal(&self) -> &Goal {
         &self.goal
+    }
+
+    /// Root mean square feature error of the last measurement that has one, px; NaN before.
+    #[must_use]
+    pub fn feature_error_px(&self) -> f64 {
+        self.measurements.error_px()
     }
 
     /// The last state of control; at the end, the outcome.

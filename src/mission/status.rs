@@ -84,6 +84,7 @@ impl<const N: usize> Mission<N> {
             missed_deadlines: trace.missed_deadlines,
             camera_state_s: f64::NAN,
             stability: self.plan.stability,
+            at_goal_s: self.goal_watch.at_goal_s(trace.time),
             state: self.state as u32,
             target: m.status,
             limits: self.acted.kinds(),
@@ -91,7 +92,7 @@ impl<const N: usize> Mission<N> {
             arm: 0,
             flags: if self.measurements.is_degraded() { status_flag::DEGRADED } else { 0 },
             camera_state: 0, // which its companion knows
-            reserved: 0,
+            goal: self.goal.id,
         }
     }
 }

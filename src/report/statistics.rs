@@ -167,8 +167,9 @@ impl RunStatistics {
     }
 }
 
-/// For people.
-fn describe(event: Event) -> String {
+/// An event, for people.
+#[must_use]
+pub fn describe(event: Event) -> String {
     let text = match event {
         Event::Holding => "measurements stopped or are too uncertain: the arm slows down and holds",
         Event::Resumed => "measurements are back: the arm goes on",
@@ -183,6 +184,8 @@ fn describe(event: Event) -> String {
         Event::Taught => "the goal is taught",
         Event::Requested(request) => return format!("{} on request", request.as_str()),
         Event::GoalReached => "the goal was reached and held",
+        Event::Arrived => "the posture that was asked for is reached",
+        Event::GoalLeft => "the goal that was reached is not met any more",
         Event::Returning => "the arm goes back to where it saw the whole target last",
         Event::MotionOver => "the motion that was asked for is over",
         Event::GainReduced => "the arm moves about its goal and gets no nearer: gain and learning go down",

@@ -110,6 +110,12 @@ impl<const N: usize> Robot<N> {
         &self.limits
     }
 
+    /// Whether joint `i`, counted from 0, moves along its axis and does not turn about it.
+    #[must_use]
+    pub fn is_prismatic(&self, i: usize) -> bool {
+        self.bodies.get(i).is_some_and(|body| body.prismatic)
+    }
+
     /// The first joint whose position is outside its limits, or is not a number.
     #[must_use]
     pub fn outside_limits(&self, q: &SVector<f64, N>) -> Option<usize> {

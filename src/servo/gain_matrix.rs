@@ -51,6 +51,12 @@ impl<const M: usize> GainMatrix<M> {
         SVector::<f64, M>::repeat(gain).into()
     }
 
+    /// Whether it is a number times the identity.
+    #[must_use]
+    pub fn is_uniform(&self) -> bool {
+        *self == Self::repeat(self.largest)
+    }
+
     /// The zero matrix.
     #[must_use]
     pub fn zeros() -> Self {

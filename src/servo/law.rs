@@ -5,7 +5,7 @@
 //! gravity compensation.
 
 use super::{
-    DepthSource, FeatureGains, FeatureMatrix, Gain, HybridGains, Interaction, OperationalSpace,
+    DepthSource, FeatureGains, FeatureMatrix, Gain, GainMatrix, HybridGains, Interaction, OperationalSpace,
     OperationalSpaceError, OrientationError, PoseGains, SetPoint, TwistTask, View, WrenchTask, hybrid_task,
     image_task, image_task_by, image_wrench, image_wrench_by, joint_torque, joint_velocity, operational_pose,
     preconditioned_wrench,
@@ -157,6 +157,40 @@ impl Law {
             self,
             Self::PositionTorque { .. } | Self::ImageTorque { .. } | Self::PreconditionedTorque { .. }
         )
+    }
+
+    /// Whether it has one gain, the same for all errors: a resolved-velocity law without a list or matrix of gains, and without adaptive gain.
+    #[must_use]
+    pub fn has_one_gain(&self) -> bool {
+        match self {
+            Self::PositionVelocity { K, gain: Gain::Constant(_), .. } => K.is_uniform(),
+            Self::ImageVelocity { K_s: FeatureMatrix::Scalar(_), gain: Gain::Constant(_), .. } => true,
+            Self::Hybrid { gains, gain: Gain::Constant(_), .. } => {
+                gains.K_p.is_uniform() && gains.K_o.is_uniform()
+            }
+            _ => false,
+        }
+    }
+
+    /// Sets that gain, 1/s. Returns whether there is one.
+    pub fn set_gain(&mut self, gain_1_s: f64) -> bool {
+        if !self.has_one_gain() {
+            return false;
+        }
+        match self {
+            Self::PositionVelocity { K, gain, .. } => {
+                (*K, *gain) = (PoseGains::repeat(1.0), Gain::Constant(gain_1_s));
+            }
+            Self::ImageVelocity { K_s, gain, .. } => {
+                (*K_s, *gain) = (FeatureMatrix::Scalar(1.0), Gain::Constant(gain_1_s));
+            }
+            Self::Hybrid { gains, gain, .. } => {
+                let one = GainMatrix::repeat(1.0);
+                (*gains, *gain) = (HybridGains { K_p: one, K_o: one }, Gain::Constant(gain_1_s));
+            }
+            Self::PositionTorque { .. } | Self::ImageTorque { .. } | Self::PreconditionedTorque { .. } => {}
+        }
+        true
     }
 
     /// The diagonal of K_D for damping on qd, N m s/rad or N s/m; zero for damping in the task space and for velocity laws.

@@ -15,6 +15,7 @@ mod dots_truth;
 mod edges_real;
 mod friction;
 mod goal_path;
+mod goals_at_random;
 mod hostile;
 mod identity;
 mod lens;

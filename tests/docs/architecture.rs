@@ -5,7 +5,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-const OS: [&str; 6] = ["cli", "experiment", "ipc", "process", "rt", "source"];
+const OS: [&str; 7] = ["cli", "client", "experiment", "ipc", "process", "rt", "source"];
 /// Reading files at start is the business of these.
 const LOADERS: [&str; 3] = ["config", "input", "robot"];
 

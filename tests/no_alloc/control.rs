@@ -1,4 +1,4 @@
-//! A tick of the control loop allocates nothing: servoing, at its limits, without target, stopping, and in a fault.
+//! A tick of the control loop allocates nothing: servoing, at its limits, without target, doing what clients ask for, stopping, and in a fault.
 
 #![allow(non_snake_case, clippy::unwrap_used)] // helpers of tests are tests
 
@@ -8,9 +8,10 @@ use std::path::Path;
 use vservo::config::Config;
 use vservo::config::Task;
 use vservo::config::assemble;
+use vservo::control::lifecycle::Request;
 use vservo::drive::{CommandMode, Drive, DriveCommand, DriveState};
 use vservo::geometry::Pose;
-use vservo::messages::{ControlState, Measurement, measurement_flag};
+use vservo::messages::{CommandForm, ControlCommand, ControlState, Measurement, measurement_flag};
 use vservo::mission::LockstepRun;
 use vservo::robot::Robot;
 use vservo::sim::perfect_measurement;
@@ -49,6 +50,14 @@ fn run<const N: usize>(config: &Config, robot: &Robot<N>, mut run: LockstepRun<N
             40 => Some(seen(config, k, &Pose::translation(0.3, -0.2, 0.3))),
             _ => None,
         };
+        // What clients ask for is planned elsewhere, and obeyed here.
+        if let Some((request, command)) = asked(k, config, &q).filter(|_| !plans)
+            && let Ok(order) = run.mission.plan(k as u64, request, &command)
+        {
+            assert_no_alloc(|| {
+                let _ = run.control.request_with(request, order.as_ref()); // in a fault it is refused
+            });
+        }
         if k == 2300 {
             run.stop("the test asks for it");
         }
@@ -63,6 +72,25 @@ fn run<const N: usize>(config: &Config, robot: &Robot<N>, mut run: LockstepRun<N
         }
     }
     assert!(!plans || run.state() == ControlState::Stopped, "{:?}", run.state());
+}
+
+/// What a client asks for at tick `k`.
+fn asked<const N: usize>(k: i64, config: &Config, q: &SVector<f64, N>) -> Option<(Request, ControlCommand)> {
+    let numbers = |request: Request, form, numbers: &[f64]| {
+        ControlCommand::with_numbers(request as u32, form, numbers).map(|command| (request, command))
+    };
+    match k {
+        1500 => numbers(Request::Set, CommandForm::Gain, &[1.5]),
+        1550 => {
+            let X_DO = config.set_point.X_DO()?;
+            let (p, r) = (X_DO.translation.vector, X_DO.rotation.coords);
+            numbers(Request::Goal, CommandForm::Pose, &[p.x, p.y, p.z + 0.01, r.x, r.y, r.z, r.w])
+        }
+        1700 => numbers(Request::Goto, CommandForm::Joints, (q * 0.99).as_slice()),
+        1750 => numbers(Request::Jog, CommandForm::Joints, &[0.01; N]),
+        2200 => Some((Request::Start, ControlCommand::of(Request::Start as u32))),
+        _ => None,
+    }
 }
 
 const MATRIX_OF_FOUR: &str =

@@ -85,7 +85,7 @@ fn a_log_reader_that_leaves_takes_nothing_with_it() {
     assert_eq!(child.try_wait().unwrap(), None, "the run goes on");
     kill(child.id() as i32, "INT");
     let output = child.wait_with_output().unwrap();
-    assert_eq!(output.status.code(), Some(0), "{}", text(&output));
+    assert_eq!(output.status.code(), Some(6), "{}", text(&output));
     assert_eq!(read_summary(&summary)["outcome"], "stopped");
     instance.assert_gone();
 }

@@ -203,7 +203,7 @@ fn a_stop_brings_the_arm_to_rest_and_finds_nothing() {
     wait_for_line(&mut child, "servoing");
     crate::common::kill(child.id() as i32, "INT");
     let output = child.wait_with_output().unwrap();
-    assert_eq!(output.status.code(), Some(5));
+    assert_eq!(output.status.code(), Some(6));
     assert!(output.stdout.is_empty());
     instance.assert_gone();
 }

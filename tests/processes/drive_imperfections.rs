@@ -98,7 +98,7 @@ fn waiting_for_a_drive_that_never_comes_can_be_stopped() {
         let output = child.wait_with_output().unwrap();
         let text = String::from_utf8_lossy(&output.stdout).into_owned();
         assert!(text.contains("outcome       stopped"), "{clock}: {text}");
-        assert_eq!(output.status.code(), Some(0), "{clock}: {text}");
+        assert_eq!(output.status.code(), Some(6), "{clock}: {text}");
         instance.assert_gone();
     }
 }

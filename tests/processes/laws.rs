@@ -7,7 +7,7 @@ use std::path::Path;
 
 fn lockstep(file: &str, set: &[&str]) -> Run {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config").join(file);
-    let mut arguments = vec![path.to_str().unwrap(), "--clock", "lockstep"];
+    let mut arguments = vec![path.to_str().unwrap(), "--clock", "lockstep", "--anyway"];
     for s in set {
         arguments.extend(["--set", s]);
     }
@@ -231,6 +231,36 @@ fn a_local_minimum_is_told() {
         let reason = r.summary["reason"].as_str().unwrap();
         assert!(reason.contains("cannot be reached") && !reason.contains("local"), "{file}: {reason}");
     }
+}
+
+/// What `check` refuses because the arm cannot get there is not run, unless it is meant.
+#[test]
+fn a_goal_out_of_reach_is_run_only_if_it_is_meant() {
+    let run = |more: &[&str]| {
+        let instance = crate::common::Instance::new("laws-reach");
+        let mut command = crate::common::vservo();
+        command.args([
+            "run",
+            "--clock",
+            "lockstep",
+            "--instance",
+            &instance.name,
+            "--set",
+            "run.duration_s=1",
+        ]);
+        command.args(["--set", "scene.object.rotation_rpy_rad=[0.1,0.1,0.78]"]);
+        let output = command.args(more).output().unwrap();
+        instance.assert_gone();
+        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    let (code, told) = run(&[]);
+    assert_eq!(code, Some(3), "{told}");
+    for word in ["servo.desired: the arm cannot bring the camera there", "vservo run --anyway"] {
+        assert!(told.contains(word), "{word}: {told}");
+    }
+    let (code, told) = run(&["--anyway"]);
+    assert_eq!(code, Some(5), "{told}");
+    assert!(told.contains("warning: ") && told.contains("the arm cannot bring the camera there"), "{told}");
 }
 
 /// Each way of writing the orientation error leads B and the hybrid law on six joints home, and A on four.

@@ -8,7 +8,10 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use vservo::config::Config;
-use vservo::messages::{FrameHeader, JointState, Measurement, Status, TraceMsg, trace_flag};
+use vservo::control::lifecycle::{Refusal, Request};
+use vservo::messages::{
+    CommandForm, ControlState, FrameHeader, JointState, Measurement, RequestMsg, Status, TraceMsg, trace_flag,
+};
 use vservo::record::{ABOUT, END, RUN_FILE, RecordingReader};
 
 /// Everything in a recording.
@@ -20,6 +23,7 @@ struct Recorded {
     states: Vec<JointState>,
     traces: Vec<TraceMsg>,
     statuses: Vec<Status>,
+    requests: Vec<RequestMsg>,
     run_file: String,
     files: Vec<String>,
     about: BTreeMap<String, String>,
@@ -42,6 +46,7 @@ fn read(path: &Path) -> Recorded {
             "/control/joint_state" => all.states.push(message.record().unwrap()),
             "/control/trace" => all.traces.push(message.record().unwrap()),
             "/control/status" => all.statuses.push(message.record().unwrap()),
+            "/control/request" => all.requests.push(message.record().unwrap()),
             other => panic!("{other}"),
         }
     }
@@ -255,4 +260,49 @@ fn the_official_python_reader_reads_the_same() {
     near("/camera/0/frame_header", sum(headers.collect()));
     near("/control/status", sum(statuses.collect()));
     assert_eq!((seen["/camera/0/frame"].0, seen["/control/trace"].0), (r.images, r.traces.len()));
+}
+
+/// What clients asked for, with its numbers, its answer and the tick at which it took effect: enough to ask the same of a run that is repeated.
+#[test]
+fn requests_are_recorded_with_their_answers() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("requests.mcap");
+    let daemon = crate::serve::Daemon::start(
+        "record-requests",
+        &["--clock", "lockstep", "--record", path.to_str().unwrap()],
+    );
+    let ctl = |arguments: &[&str]| {
+        vservo().args(["ctl", "--instance", &daemon.instance.name]).args(arguments).output().unwrap()
+    };
+    // The first chunk has the topics of all services, to which the recorder listens by then.
+    wait_until("the recorder to listen", || std::fs::metadata(&path).is_ok_and(|file| file.len() > 0));
+    assert_eq!(ctl(&["start"]).status.code(), Some(0));
+    daemon.wait_for("servoing");
+    assert_eq!(ctl(&["goal", "--position-m", "-0.04,0.03,0.55"]).status.code(), Some(0));
+    assert_eq!(ctl(&["start"]).status.code(), Some(5));
+    assert_eq!(ctl(&["goto", "--q", "100,0,0,0"]).status.code(), Some(5));
+    daemon.accepts("shutdown");
+    assert_eq!(daemon.ended().0, Some(0));
+    let r = read(&path);
+    let told: Vec<_> =
+        r.requests.iter().map(|m| (Request::from_code(m.request), Refusal::from_code(m.refusal))).collect();
+    let wanted = [
+        (Some(Request::Start), None),
+        (Some(Request::Goal), None),
+        (Some(Request::Start), Some(Refusal::AlreadyStarted)),
+        (Some(Request::Goto), Some(Refusal::OutOfRange)),
+    ];
+    assert_eq!(told, wanted);
+    assert_gapless(r.requests.iter().map(|m| m.sequence));
+    let goal = &r.requests[1];
+    assert_eq!((goal.form, goal.count, goal.goal), (CommandForm::Pose as u32, 7, 1));
+    assert_eq!(goal.values[..7], [-0.04, 0.03, 0.55, 0.0, 0.0, 0.0, 1.0]);
+    // The trace of the tick at which the first start took effect has the state after it.
+    let start = &r.requests[0];
+    let tick = r.traces.iter().find(|trace| trace.tick == start.tick).unwrap();
+    assert_eq!(tick.stamp, start.stamp);
+    let state = ControlState::from_code(tick.state);
+    assert!([ControlState::Waiting, ControlState::Servoing].contains(&state), "{state:?}");
+    let before = r.traces.iter().rfind(|trace| trace.tick < start.tick).unwrap();
+    assert_eq!(ControlState::from_code(before.state), ControlState::Idle);
 }

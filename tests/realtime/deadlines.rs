@@ -117,7 +117,7 @@ fn signals_end_the_run_in_order() {
         let text = String::from_utf8_lossy(&output.stdout).into_owned();
         assert!(text.contains("outcome       stopped (a stop was requested)"), "{signal}: {text}");
         assert!(text.contains("the arm slows down"), "{signal}: {text}");
-        assert_eq!(output.status.code(), Some(0), "{signal}");
+        assert_eq!(output.status.code(), Some(6), "{signal}: stopped before its goal");
         assert!(
             instance.processes().is_empty(),
             "{signal}: all children are reaped before the supervisor ends"
@@ -140,7 +140,7 @@ fn an_early_signal_is_a_stop_like_any_other() {
             let (out, err) = (text(&output.stdout), text(&output.stderr));
             // A signal that comes before anything of the program runs ends it as the system does.
             if output.status.signal() != Some(2) {
-                assert_eq!(output.status.code(), Some(0), "{clock} {ms} ms: {out}{err}");
+                assert_eq!(output.status.code(), Some(6), "{clock} {ms} ms: {out}{err}");
                 assert!(
                     out.contains("outcome       stopped (a stop was requested"),
                     "{clock} {ms} ms: {out}{err}"
@@ -257,7 +257,7 @@ fn a_second_run_of_the_same_name_is_refused() {
     assert!(text.contains("already has a running supervisor") && text.contains("--instance"), "{text}");
     assert_eq!(first.try_wait().unwrap(), None);
     kill(first.id() as i32, "INT");
-    assert_eq!(first.wait().unwrap().code(), Some(0));
+    assert_eq!(first.wait().unwrap().code(), Some(6));
     instance.assert_gone();
 }
 

@@ -14,7 +14,7 @@ use crate::rt::tell;
 /// When the run cannot be started.
 pub(in crate::cli) fn latency(arguments: &LatencyArguments) -> Result<u8, ProcessError> {
     let stop = StopFlag::on_signals()?;
-    let (config, instance) = prepare(&arguments.cell, ["run.task=calibrate_latency".to_owned()])?;
+    let (config, instance) = prepare(&arguments.cell, ["run.task=calibrate_latency".to_owned()], false)?;
     if let Some(path) = &arguments.out {
         check_writable(path)?;
     }

@@ -6,15 +6,18 @@
 //! | [`Servoing::dry`] | the same without an arm, or with images of another arm | none; the output of the law is reported |
 //! | [`Waypoints`] | a list of postures, independent of the view | a motion from posture to posture, with rests |
 //! | [`Excitation`] | measurements that keep arriving, whatever their stamps | the excitation motion of the joints |
+//! | [`PostureMotion`] | one posture that a client asked for | a motion there from rest, beside the behaviour of the run |
 //! | standing, braking | none | standstill, where no behaviour moves the arm |
 //!
 //! None of them plans: goals, waypoints and motions come from the mission ([`Order`](super::order::ControlOrder)).
 
 mod excitation;
+mod posture_motion;
 mod servoing;
 mod waypoints;
 
 pub use excitation::Excitation;
+pub use posture_motion::PostureMotion;
 pub use servoing::Servoing;
 pub use waypoints::Waypoints;
 

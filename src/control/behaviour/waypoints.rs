@@ -39,14 +39,14 @@ pub struct Waypoints<const N: usize> {
 
 /// On the way between two postures.
 #[derive(Debug, Clone, Copy)]
-struct Leg<const N: usize> {
+pub(super) struct Leg<const N: usize> {
     way: SVector<f64, N>,
     duration_s: f64,
     elapsed: SpanNs,
 }
 
 impl<const N: usize> Leg<N> {
-    fn new(way: SVector<f64, N>, limits: &MotionLimits<N>) -> Self {
+    pub(super) fn new(way: SVector<f64, N>, limits: &MotionLimits<N>) -> Self {
         let [v, a, j] = PEAKS;
         let mut duration_s = SHORTEST_S;
         for (i, way) in way.iter().map(|way| way.abs()).enumerate() {
@@ -59,11 +59,22 @@ impl<const N: usize> Leg<N> {
     }
 
     /// The velocity of the next tick; `None` at the end.
-    fn advance(&mut self) -> Option<SVector<f64, N>> {
+    pub(super) fn advance(&mut self) -> Option<SVector<f64, N>> {
         // the velocity in the middle of the tick: its sum over the ticks is then the displacement, by the midpoint rule
         let u = (self.elapsed.as_s() + 0.5 * TICK.as_s()) / self.duration_s;
         self.elapsed = SpanNs(self.elapsed.0.saturating_add(TICK.0));
         (u < 1.0).then(|| self.way * (30.0 * u * u * (1.0 - u) * (1.0 - u) / self.duration_s))
+    }
+
+    /// The part of the way that remains, rad or m.
+    pub(super) fn remaining(&self) -> SVector<f64, N> {
+        let u = (self.elapsed.as_s() / self.duration_s).min(1.0);
+        self.way * (1.0 - u * u * u * (10.0 - 15.0 * u + 6.0 * u * u))
+    }
+
+    /// How long its end is ago; negative before.
+    pub(super) fn ended_for_s(&self) -> f64 {
+        self.elapsed.as_s() - self.duration_s
     }
 }
 

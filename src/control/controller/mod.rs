@@ -17,7 +17,7 @@ mod settings;
 
 pub use settings::{ControlOutput, ControllerSettings, Rest};
 
-use crate::control::behaviour::{ArmModel, Behaviour, MotionCommand};
+use crate::control::behaviour::{ArmModel, Behaviour, MotionCommand, PostureMotion};
 use crate::control::gate::{Gate, Passed};
 use crate::control::lifecycle::{Cue, State, Step};
 use crate::control::safety::{ArmWatch, Contact, ContactReaction, ContactWatch, Fault, RestWatch};
@@ -54,6 +54,10 @@ pub struct Controller<const N: usize> {
     /// Places measurements in time, and has the law.
     servo: VisualServo<N>,
     behaviour: Behaviour<N>,
+    /// The motion to a posture that a client asked for, in the state `Moving`.
+    posture: PostureMotion<N>,
+    /// Whether friction is probed, so that the reference stands.
+    probes: bool,
     /// Whether the end of the behaviour's motion was reported.
     over_told: bool,
     joint_control: JointController<N>,
@@ -114,6 +118,8 @@ impl<const N: usize> Controller<N> {
             arm,
             servo,
             behaviour,
+            posture: PostureMotion::default(),
+            probes: false,
             over_told: false,
             joint_control,
             learning: 1.0,
@@ -234,6 +240,11 @@ impl<const N: usize> Controller<N> {
                 confidence = 1.0;
                 MotionCommand::Velocity(qd, convergence)
             }
+            (Some(_), State::Moving, _) => {
+                let rests = self.reference.rests_within(SpanNs(2 * TICK.0));
+                let (reference, ready) = (self.reference.state(), !self.probes);
+                self.posture.motion_command(reference, (rests, ready), &self.arm.limits)
+            }
             (Some(_), ..) => self.motion_back(now),
             _ => MotionCommand::Stand,
         };
@@ -328,7 +339,15 @@ impl<const N: usize> Controller<N> {
             State::Holding => self.has_returned || before == State::Returning,
             _ => false,
         };
-        if let Some(state) = state.filter(|_| self.state == State::Servoing && before != State::Servoing) {
+        let moves = self.state == State::Moving;
+        if moves && self.posture.is_over(&self.reference.state().q) {
+            self.cue(Cue::Arrived);
+        }
+        if self.state != State::Moving {
+            self.posture.end();
+        }
+        let begins = (self.state == State::Servoing && before != State::Servoing) || self.posture.is_new();
+        if let Some(state) = state.filter(|_| begins) {
             self.reset_to_measured(state);
             self.watch.restart();
             self.contact_watch.restart();
@@ -343,6 +362,7 @@ impl<const N: usize> Controller<N> {
                 (State::Holding, State::Returning) => Some(Event::Returning),
                 (State::Holding | State::Returning, State::Servoing) => Some(Event::Resumed),
                 (State::Teaching, State::Held) => Some(Event::Taught),
+                (State::Moving, State::Held) if cue == Cue::Arrived => Some(Event::Arrived),
                 _ => None,
             };
             event.into_iter().for_each(|event| self.events.push(event));

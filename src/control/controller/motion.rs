@@ -44,6 +44,7 @@ impl<const N: usize> Controller<N> {
         let mut limits = ActingLimits::default();
         let moves = matches!(motion_command, MotionCommand::Joints(_) | MotionCommand::Velocity(..));
         let probes = self.joint_control.probe(moves) && self.mode == CommandMode::Torque;
+        self.probes = probes;
         let requested_qd = match motion_command {
             MotionCommand::Torque(tau) => return self.pushed(state, tau, confidence),
             MotionCommand::Stand | MotionCommand::Look(_)

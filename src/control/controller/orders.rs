@@ -48,6 +48,16 @@ impl<const N: usize> Controller<N> {
         self.cue(Cue::Taught);
     }
 
+    /// Moves to the posture `q`, rad or m, in the state `Moving`.
+    pub fn go_to(&mut self, q: &SVector<f64, N>) {
+        self.posture.begin(q);
+    }
+
+    /// Sets the gain of a resolved-velocity law, 1/s, where it has a single one.
+    pub fn set_gain(&mut self, gain_1_s: f64) {
+        self.servo.set_gain(gain_1_s);
+    }
+
     /// Appends a waypoint, rad or m; that the motion is complete is reported after it.
     pub fn add_waypoint(&mut self, q: &SVector<f64, N>) {
         self.over_told = false;

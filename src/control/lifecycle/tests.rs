@@ -3,35 +3,41 @@
 use super::*;
 use std::collections::{HashMap, HashSet};
 
-const CUES: [Cue; 13] = [
+const CUES: [Cue; 18] = [
     Cue::Request(Request::Start),
     Cue::Request(Request::Hold),
     Cue::Request(Request::Teach),
     Cue::Request(Request::Reset),
     Cue::Request(Request::Stop),
     Cue::Request(Request::Shutdown),
+    Cue::Request(Request::Goal),
+    Cue::Request(Request::Goto),
+    Cue::Request(Request::Jog),
+    Cue::Request(Request::Set),
     Cue::InView,
     Cue::OutOfView,
     Cue::WayBack,
     Cue::Returned,
     Cue::Taught,
+    Cue::Arrived,
     Cue::AtRest,
     Cue::Failed,
 ];
 
 /// A row for each state and a column for each cue: `.` where nothing happens, the first letters of the next state, or a refusal in capitals.
 const TABLE: &str = "
-          start     hold      teach     reset     stop      shutdown  in_view   no_view   way_back  returned  taught    at_rest   failed
-Idle      Waiting   NOSTART   Teaching  NOFAULT   .         Stopping  .         .         .         .         .         .         Failing
-Waiting   STARTED   Held      STARTED   NOFAULT   Stopping  Stopping  Servoing  .         .         .         .         .         Failing
-Teaching  TEACHING  Held      .         NOFAULT   Stopping  Stopping  .         .         .         .         Held      .         Failing
-Servoing  STARTED   Held      STARTED   NOFAULT   Stopping  Stopping  .         Holding   .         .         .         .         Failing
-Holding   STARTED   Held      STARTED   NOFAULT   Stopping  Stopping  Servoing  .         Returning .         .         .         Failing
-Returning STARTED   Held      STARTED   NOFAULT   Stopping  Stopping  Servoing  .         .         Holding   .         .         Failing
-Held      Waiting   .         Teaching  NOFAULT   Stopping  Stopping  .         .         .         .         .         .         Failing
-Stopping  MOVING    MOVING    MOVING    NOFAULT   .         .         .         .         .         .         .         Idle      Failing
-Failing   INFAULT   INFAULT   INFAULT   MOVING    .         .         .         .         .         .         .         Fault     .
-Fault     INFAULT   INFAULT   INFAULT   Idle      .         .         .         .         .         .         .         .         .
+          start     hold      teach     reset     stop      shutdown  goal      goto      jog       set       in_view   no_view   way_back  returned  taught    arrived   at_rest   failed
+Idle      Waiting   NOSTART   Teaching  NOFAULT   .         Stopping  .         Moving    Moving    .         .         .         .         .         .         .         .         Failing
+Waiting   STARTED   Held      Teaching  NOFAULT   Stopping  Stopping  .         Moving    Moving    .         Servoing  .         .         .         .         .         .         Failing
+Teaching  TEACHING  Held      .         NOFAULT   Stopping  Stopping  TEACHING  TEACHING  TEACHING  .         .         .         .         .         Held      .         .         Failing
+Servoing  STARTED   Held      Teaching  NOFAULT   Stopping  Stopping  .         Moving    Moving    .         .         Holding   .         .         .         .         .         Failing
+Holding   STARTED   Held      Teaching  NOFAULT   Stopping  Stopping  .         Moving    Moving    .         Servoing  .         Returning .         .         .         .         Failing
+Returning STARTED   Held      Teaching  NOFAULT   Stopping  Stopping  .         Moving    Moving    .         Servoing  .         .         Holding   .         .         .         Failing
+Moving    MOVING    Held      MOVING    NOFAULT   Stopping  Stopping  .         .         .         .         .         .         .         .         .         Held      .         Failing
+Held      Waiting   .         Teaching  NOFAULT   Stopping  Stopping  .         Moving    Moving    .         .         .         .         .         .         .         .         Failing
+Stopping  MOVING    MOVING    MOVING    NOFAULT   .         .         .         MOVING    MOVING    .         .         .         .         .         .         .         Idle      Failing
+Failing   INFAULT   INFAULT   INFAULT   MOVING    .         .         INFAULT   INFAULT   INFAULT   .         .         .         .         .         .         .         Fault     .
+Fault     INFAULT   INFAULT   INFAULT   Idle      .         .         INFAULT   INFAULT   INFAULT   .         .         .         .         .         .         .         .         .
 ";
 
 fn step_of(word: &str) -> Step {
@@ -73,11 +79,13 @@ fn the_arm_servoes_only_after_a_start_and_never_from_a_fault() {
             }
         }
     }
-    // Without a start and without a reset nothing moves, whatever else happens.
+    // Without a request for it nothing moves, whatever else happens.
+    const SENDS: [Cue; 3] =
+        [Cue::Request(Request::Start), Cue::Request(Request::Goto), Cue::Request(Request::Jog)];
     for from in [State::Idle, State::Fault, State::Failing, State::Stopping, State::Held, State::Teaching] {
         let (mut seen, mut open) = (HashSet::from([from]), vec![from]);
         while let Some(state) = open.pop() {
-            for cue in CUES.into_iter().filter(|cue| *cue != Cue::Request(Request::Start)) {
+            for cue in CUES.into_iter().filter(|cue| !SENDS.contains(cue)) {
                 if let Step::To(next) = state.next(cue)
                     && seen.insert(next)
                 {

@@ -111,5 +111,7 @@ fn event_number(event: Event) -> u32 {
         Event::GainReduced => 13,
         Event::Returning => 14,
         Event::MotionOver => 15,
+        Event::GoalLeft => 16,
+        Event::Arrived => 17,
     }
 }

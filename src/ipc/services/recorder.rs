@@ -2,10 +2,17 @@
 
 use super::{
     Channel, DRIVE_RECORDER_BUFFER, IpcError, JOINT_STATE_BUFFER, MEASUREMENT_BUFFER, STATUS_RECORDER_BUFFER,
-    Services, TRACE_BUFFER,
+    Services, TRACE_BUFFER, port_error,
 };
-use crate::ipc::{FrameShape, QuietFrameReceiver, Receiver};
-use crate::messages::{CameraId, DriveCommandMsg, DriveStateMsg, JointState, Measurement, Status, TraceMsg};
+use crate::ipc::{FrameShape, QuietFrameReceiver, QuietSender, Receiver};
+use crate::messages::{
+    CameraId, DriveCommandMsg, DriveStateMsg, JointState, Measurement, RequestMsg, Status, TraceMsg,
+};
+use iceoryx2::prelude::{BackpressureStrategy, ZeroCopySend};
+use std::fmt::Debug;
+
+/// Requests that wait for a recorder: it looks two hundred times a second. Chosen by hand: eight clients that ask without a pause.
+const REQUEST_BUFFER: usize = 64;
 
 impl Services {
     /// A recorder's end of `camera/N/frame`.
@@ -26,6 +33,45 @@ impl Services {
     /// When the service or the port cannot be made.
     pub fn trace_receiver(&self) -> Result<Receiver<TraceMsg>, IpcError> {
         self.receiver(Channel::Trace, TRACE_BUFFER, TRACE_BUFFER)
+    }
+
+    /// Control's end of `control/request`.
+    ///
+    /// # Errors
+    /// When the service or the port cannot be made.
+    pub fn request_sender(&self) -> Result<QuietSender<RequestMsg>, IpcError> {
+        self.quiet_sender(Channel::Request, REQUEST_BUFFER)
+    }
+
+    /// A recorder's end of `control/request`.
+    ///
+    /// # Errors
+    /// When the service or the port cannot be made.
+    pub fn request_recorder(&self) -> Result<Receiver<RequestMsg>, IpcError> {
+        self.receiver(Channel::Request, REQUEST_BUFFER, REQUEST_BUFFER)
+    }
+
+    /// Control's end of `control/trace`.
+    ///
+    /// # Errors
+    /// When the service or the port cannot be made.
+    pub fn trace_sender(&self) -> Result<QuietSender<TraceMsg>, IpcError> {
+        self.quiet_sender(Channel::Trace, TRACE_BUFFER)
+    }
+
+    /// An end that sends where somebody listens.
+    fn quiet_sender<T: ZeroCopySend + Debug + Copy>(
+        &self,
+        service: Channel,
+        buffer: usize,
+    ) -> Result<QuietSender<T>, IpcError> {
+        let made = self.publish_subscribe(service, buffer)?;
+        let port = made
+            .publisher_builder()
+            .backpressure_strategy(BackpressureStrategy::DiscardData)
+            .create()
+            .map_err(|e| port_error(service, e))?;
+        Ok(QuietSender::new(service, made, port))
     }
 
     /// A recorder's end of `control/status`.

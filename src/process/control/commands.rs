@@ -8,12 +8,16 @@
 //!
 //! Clients cannot disturb a run: requests that cannot be taken are counted and reported, and never end it.
 
-use super::requests::{Answered, Numbered};
+use super::requests::{Answered, ClientRequest};
 use super::stops::Stops;
 use crate::control::lifecycle::{Refusal, Request};
 use crate::control::trace::Trace;
 use crate::ipc::{Asked, CommandServer};
-use crate::messages::{ControlAnswer, ControlCommand, ControlState, MAX_JOINTS, Status, answer_flag};
+use crate::messages::{
+    ControlAnswer, ControlCommand, ControlState, MAX_JOINTS, RequestMsg, Status, answer_flag,
+};
+use crate::mission::Mission;
+use crate::time::MonoNs;
 use std::collections::VecDeque;
 use tracing::{Span, debug_span, info, warn};
 
@@ -26,6 +30,10 @@ pub(super) struct Commands {
     standing: ControlAnswer,
     /// Looks for a request that failed.
     failed: u64,
+    /// Requests that were answered, of which there are records.
+    answered: u64,
+    /// Time of the last tick.
+    noted: MonoNs,
 }
 
 /// What a command asks for.
@@ -41,11 +49,12 @@ enum ParsedCommand {
 
 impl ParsedCommand {
     fn of(command: &ControlCommand) -> Self {
-        match (command.arm, command.request) {
-            (0, 0) => Self::State,
-            (0, code) => {
+        match (command.arm, command.camera, command.request) {
+            (0, 0, 0) => Self::State,
+            (0, 0, code) => {
                 Request::from_code(code).map_or(Self::Nothing(Refusal::UnknownRequest), Self::Request)
             }
+            (0, ..) => Self::Nothing(Refusal::UnknownCamera),
             _ => Self::Nothing(Refusal::UnknownArm),
         }
     }
@@ -53,23 +62,27 @@ impl ParsedCommand {
 
 impl Commands {
     pub(super) fn new(server: CommandServer, served: bool) -> Self {
-        let standing = ControlAnswer {
-            feature_error_px: f64::NAN,
-            position_error_m: f64::NAN,
-            orientation_error_rad: f64::NAN,
-            camera_state_s: f64::NAN,
-            flags: if served { answer_flag::SERVED } else { 0 },
-            ..ControlAnswer::default()
-        };
-        Self { server, waiting: VecDeque::new(), next: 0, standing, failed: 0 }
+        let standing =
+            ControlAnswer { flags: if served { answer_flag::SERVED } else { 0 }, ..ControlAnswer::default() };
+        Self {
+            server,
+            waiting: VecDeque::new(),
+            next: 0,
+            standing,
+            failed: 0,
+            answered: 0,
+            noted: MonoNs::ZERO,
+        }
     }
 
     /// Takes in how things stand after a tick.
-    pub(super) fn note(&mut self, trace: &Trace) {
+    pub(super) fn note<const N: usize>(&mut self, trace: &Trace, mission: &Mission<N>) {
+        self.note_goal(mission);
         let (standing, js) = (&mut self.standing, &trace.joint_state);
         standing.state = trace.state as u32;
         standing.fault = trace.fault.map_or(0, crate::control::safety::Fault::code);
         standing.tick = js.tick;
+        self.noted = trace.time;
         standing.joints = js.joints.min(MAX_JOINTS as u32);
         (standing.q, standing.qd) = (js.q, js.qd);
         if let Some(status) = &trace.status {
@@ -81,6 +94,19 @@ impl Commands {
         }
     }
 
+    /// Takes in how the goal stands.
+    pub(super) fn note_goal<const N: usize>(&mut self, mission: &Mission<N>) {
+        let (standing, goal) = (&mut self.standing, mission.goal());
+        standing.at_goal_s = mission.at_goal_s();
+        if standing.goal_points > 0 && standing.goal == goal.id {
+            return;
+        }
+        (standing.goal, standing.goal_points) = (goal.id, goal.set_point.points().len() as u64);
+        standing.goal_ids.iter_mut().zip(goal.set_point.ids()).for_each(|(place, id)| *place = *id);
+        let features = goal.set_point.features().iter().flat_map(|s| [s.x, s.y]);
+        standing.goal_features.iter_mut().zip(features).for_each(|(place, x)| *place = x);
+    }
+
     /// Takes in how the camera stands.
     pub(super) fn note_camera(&mut self, status: &Status) {
         (self.standing.camera_state, self.standing.camera_state_s) =
@@ -88,7 +114,7 @@ impl Commands {
     }
 
     /// The next request for the loop; everything else that has come is answered.
-    pub(super) fn next(&mut self) -> Option<Numbered> {
+    pub(super) fn next(&mut self) -> Option<ClientRequest> {
         while let Some(asked) = self.take() {
             let command = asked.command();
             let refusal = match ParsedCommand::of(&command) {
@@ -101,10 +127,10 @@ impl Commands {
                         asked,
                         debug_span!("request", request = request.as_str()),
                     ));
-                    return Some(Numbered { number: self.next, request });
+                    return Some(ClientRequest { number: self.next, request, command });
                 }
             };
-            let ControlCommand { request, arm } = command;
+            let ControlCommand { request, arm, .. } = command;
             asked.answer(&ControlAnswer { request, arm, refusal, ..self.standing });
         }
         None
@@ -112,9 +138,16 @@ impl Commands {
 
     /// Before the first tick: questions are answered, a stop and a shutdown are taken, everything else is refused.
     pub(super) fn attend(&mut self, stops: &Stops) {
-        while let Some(Numbered { number, request }) = self.next() {
+        while let Some(ClientRequest { number, request, .. }) = self.next() {
             let refusal = stops.early(request).err();
-            self.answer(&Answered { number, refusal, state: ControlState::Idle });
+            // Nobody records yet.
+            let _ = self.answer(&Answered {
+                number,
+                refusal,
+                state: ControlState::Idle,
+                tick: 0,
+                stamp: MonoNs::ZERO,
+            });
         }
     }
 
@@ -134,21 +167,37 @@ impl Commands {
         }
     }
 
-    /// Hands an answer of the loop to the client that waits for it.
-    pub(super) fn answer(&mut self, answered: &Answered) {
-        while let Some((_, asked, span)) =
-            self.waiting.pop_front_if(|(number, ..)| *number <= answered.number)
-        {
-            let _span = span.entered();
-            let request = asked.command().request;
-            let refusal = answered.refusal.map_or(0, |refusal| refusal as u32);
-            let word = Request::from_code(request).map_or("?", Request::as_str);
-            match answered.refusal {
-                None => info!("{word}, on request"),
-                Some(refusal) => info!("{word} was refused: {}", refusal.describe()),
-            }
-            asked.answer(&ControlAnswer { request, refusal, state: answered.state as u32, ..self.standing });
+    /// Number and time of the last tick that was noted.
+    pub(super) fn last_tick(&self) -> (u64, MonoNs) {
+        (self.standing.tick, self.noted)
+    }
+
+    /// Hands an answer of the loop to the client that waits for it. Returns the record of both.
+    pub(super) fn answer(&mut self, answered: &Answered) -> Option<RequestMsg> {
+        let place = self.waiting.iter().position(|(number, ..)| *number == answered.number);
+        let (_, asked, span) = place.and_then(|place| self.waiting.remove(place))?;
+        let _span = span.entered();
+        let command = asked.command();
+        let refusal = answered.refusal.map_or(0, |refusal| refusal as u32);
+        // What is accepted is an event, and logged as such.
+        if let Some(refusal) = answered.refusal {
+            let word = Request::from_code(command.request).map_or("?", Request::as_str);
+            info!(request = word, refusal = refusal as u32, "{word} was refused: {}", refusal.describe());
         }
+        // The trace of that tick may come later than the next question.
+        self.standing.state = answered.state as u32;
+        asked.answer(&ControlAnswer { request: command.request, refusal, ..self.standing });
+        let record = RequestMsg {
+            sequence: self.answered,
+            stamp: answered.stamp,
+            tick: answered.tick,
+            refusal,
+            state: answered.state as u32,
+            goal: self.standing.goal,
+            ..RequestMsg::of(&command)
+        };
+        self.answered += 1;
+        Some(record)
     }
 }
 
@@ -158,17 +207,24 @@ mod tests {
 
     #[test]
     fn what_means_nothing_is_refused() {
-        let of = |request, arm| ParsedCommand::of(&ControlCommand { request, arm });
-        assert_eq!(of(0, 0), ParsedCommand::State);
+        let of = |request, arm, camera| {
+            ParsedCommand::of(&ControlCommand { arm, camera, ..ControlCommand::of(request) })
+        };
+        assert_eq!(of(0, 0, 0), ParsedCommand::State);
         for request in Request::ALL {
-            assert_eq!(of(request as u32, 0), ParsedCommand::Request(request));
+            assert_eq!(of(request as u32, 0, 0), ParsedCommand::Request(request));
         }
-        for code in [7, 99, u32::MAX] {
-            assert_eq!(of(code, 0), ParsedCommand::Nothing(Refusal::UnknownRequest), "{code}");
+        for code in [11, 99, u32::MAX] {
+            assert_eq!(of(code, 0, 0), ParsedCommand::Nothing(Refusal::UnknownRequest), "{code}");
         }
-        for arm in [1, 7, u32::MAX] {
+        for number in [1, 7, u32::MAX] {
             for code in [0, Request::Stop as u32, 99] {
-                assert_eq!(of(code, arm), ParsedCommand::Nothing(Refusal::UnknownArm), "{code} {arm}");
+                assert_eq!(
+                    of(code, number, 0),
+                    ParsedCommand::Nothing(Refusal::UnknownArm),
+                    "{code} {number}"
+                );
+                assert_eq!(of(code, 0, number), ParsedCommand::Nothing(Refusal::UnknownCamera), "{code}");
             }
         }
     }

@@ -5,9 +5,10 @@
 //! the order in which processes run.
 
 use super::commands::Commands;
+use super::event_log;
 use super::external_drive::{self, DrivePorts, HURRY, LOOK_FIRST, LOOK_LATER, TELL, WaitOutcome};
 use super::recorder_pace::RecorderPace;
-use super::requests::{Answered, Numbered};
+use super::requests::{Answered, ClientRequest};
 use super::stops::Stops;
 use super::{Listeners, Pace, Ports};
 use crate::config::Config;
@@ -127,9 +128,13 @@ pub(super) fn run<const N: usize>(
         if broken.is_some() {
             control.stop(STOP_REASON);
         }
-        while let Some(Numbered { number, request }) = commands.next() {
-            let refusal = control.request(request).err();
-            commands.answer(&Answered { number, refusal, state: control.controller().state().told() });
+        while let Some(ClientRequest { number, request, command }) = commands.next() {
+            let refusal = control.ask(number, request, &command).err();
+            commands.note_goal(&control.mission);
+            let state = control.controller().state().told();
+            if let Some(record) = commands.answer(&Answered { number, refusal, state, tick, stamp: now }) {
+                note(&mut broken, ports.requests.send(|| record));
+            }
         }
         let (mut measurement, before) = (None, next_frame);
         while schedule.usable_tick(next_frame) == tick {
@@ -161,7 +166,8 @@ pub(super) fn run<const N: usize>(
         }
         statistics.note(&trace);
         listeners.note(&trace);
-        commands.note(&trace);
+        commands.note(&trace, &control.mission);
+        event_log::log(&trace, &control.mission);
         if let Some(drive) = &mut drive {
             note(&mut broken, drive.send());
         }

@@ -7,6 +7,7 @@ mod camera_watch;
 mod commands;
 mod deadlines;
 mod drive_rings;
+mod event_log;
 mod external_drive;
 mod lockstep;
 mod realtime;
@@ -23,7 +24,7 @@ use crate::config::{Clock, Task};
 use crate::control::outcome::{Finish, Outcome};
 use crate::control::trace::Trace;
 use crate::ipc::{Instance, QuietSender, Receiver, Role, Sender, WakeListener};
-use crate::messages::{CameraId, JointState, Measurement, Status, TraceMsg};
+use crate::messages::{CameraId, JointState, Measurement, RequestMsg, Status, TraceMsg};
 use crate::mission::LockstepRun;
 use crate::report::history::RunHistory;
 use crate::report::statistics::RunStatistics;
@@ -95,6 +96,7 @@ struct Ports<'a> {
     joint_state: Sender<JointState>,
     status: Sender<Status>,
     trace: QuietSender<TraceMsg>,
+    requests: QuietSender<RequestMsg>,
 }
 
 impl<'a> Ports<'a> {
@@ -102,8 +104,8 @@ impl<'a> Ports<'a> {
         let services = membership.services();
         let (measurements, wake_listener) = services.measurement_receiver(camera)?;
         let (joint_state, status) = (services.joint_state_sender()?, services.status_sender()?);
-        let trace = services.trace_sender()?;
-        Ok(Self { membership, measurements, wake_listener, joint_state, status, trace })
+        let (trace, requests) = (services.trace_sender()?, services.request_sender()?);
+        Ok(Self { membership, measurements, wake_listener, joint_state, status, trace, requests })
     }
 
     /// Records vanish with their sender: gives the readers time to take the last ones.

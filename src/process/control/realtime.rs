@@ -11,9 +11,10 @@
 
 use super::camera_watch::CameraWatch;
 use super::commands::Commands;
+use super::event_log;
 use super::external_drive::{self, DrivePorts};
 use super::realtime_thread::{AtEnd, Panic, RealtimeThread};
-use super::requests::{Answered, Asking};
+use super::requests::{Answered, Asking, ClientRequest};
 use super::stops::Stops;
 use super::{Listeners, Pace, Ports};
 use crate::config::RealtimePolicy;
@@ -225,21 +226,40 @@ impl<const N: usize> Companion<'_, N> {
     fn carry(&mut self) -> Result<(), ProcessError> {
         let measured = self.take_measurements();
         let looked = self.look_at_cameras();
-        let told = self.send_records();
+        let mut told = self.send_records();
         while let Ok(answered) = self.answered.pop() {
-            self.commands.answer(&answered);
+            told = told.and(self.answer(&answered));
         }
-        // The mission's orders first: what they are about is older.
-        while self.asked.slots() > 0
-            && let Some(asking) = self
-                .mission
-                .next_order()
-                .map(Asking::Order)
-                .or_else(|| self.commands.next().map(Asking::Request))
-        {
+        while self.asked.slots() > 0 {
+            // The mission's orders first: what they are about is older.
+            let asking = match self.mission.next_order() {
+                Some(order) => Asking::Order(order),
+                None => match self.commands.next() {
+                    Some(ClientRequest { number, request, command }) => {
+                        match self.mission.plan(number, request, &command) {
+                            Ok(order) => Asking::Request { number, request, order },
+                            Err(refusal) => {
+                                let (state, (tick, stamp)) =
+                                    (self.mission.state(), self.commands.last_tick());
+                                let refusal = Some(refusal);
+                                told =
+                                    told.and(self.answer(&Answered { number, refusal, state, tick, stamp }));
+                                continue;
+                            }
+                        }
+                    }
+                    None => break,
+                },
+            };
             let _ = self.asked.push(asking); // there is room
         }
         Ok(measured.and(looked).and(told)?)
+    }
+
+    fn answer(&mut self, answered: &Answered) -> Result<(), IpcError> {
+        self.mission.decided(answered.number, answered.refusal.is_none());
+        self.commands.note_goal(&self.mission);
+        self.commands.answer(answered).map_or(Ok(()), |record| self.ports.requests.send(|| record))
     }
 
     fn take_measurements(&mut self) -> Result<(), IpcError> {
@@ -282,8 +302,9 @@ impl<const N: usize> Companion<'_, N> {
             frame.and_then(|frame| self.taken.iter().rev().find(|m| FrameStamps::of(m) == frame));
         self.mission.note(&mut trace, measurement);
         self.statistics.note(&trace);
-        self.commands.note(&trace);
+        self.commands.note(&trace, &self.mission);
         self.listeners.note(&trace);
+        event_log::log(&trace, &self.mission);
         trace
     }
 

@@ -7,7 +7,7 @@
 //! skipped, never caught up.
 
 use super::deadlines::Deadlines;
-use super::requests::{Answered, Asking, Numbered};
+use super::requests::{Answered, Asking};
 use super::stops::Stops;
 use crate::control::control_loop::ControlLoop;
 use crate::control::safety::Fault;
@@ -15,7 +15,7 @@ use crate::control::trace::Trace;
 use crate::messages::Measurement;
 use crate::process::stop::{STOP_REASON, StopFlag};
 use crate::rt::{self, DeadlineWait};
-use crate::time::SpanNs;
+use crate::time::{MonoNs, SpanNs};
 use rtrb::{Consumer, Producer};
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -113,7 +113,7 @@ impl<const N: usize> RealtimeThread<N> {
             }
             self.stops.obey(&mut self.control);
             while let Ok(asking) = self.requests.pop() {
-                self.obey(&asking);
+                self.obey(&asking, (tick, time));
             }
             let mut newest: Option<Measurement> = None;
             while let Ok(m) = self.measurements.pop() {
@@ -147,14 +147,14 @@ impl<const N: usize> RealtimeThread<N> {
 }
 
 impl<const N: usize> RealtimeThread<N> {
-    fn obey(&mut self, asking: &Asking<N>) {
+    fn obey(&mut self, asking: &Asking<N>, (tick, stamp): (u64, MonoNs)) {
         match asking {
             Asking::Order(order) => self.control.obey(order),
-            Asking::Request(Numbered { number, request }) => {
-                let refusal = self.control.request(*request).err();
+            Asking::Request { number, request, order } => {
+                let refusal = self.control.request_with(*request, order.as_ref()).err();
                 let state = self.control.controller().state().told();
                 // There is room for as many answers as for requests.
-                let _ = self.answers.push(Answered { number: *number, refusal, state });
+                let _ = self.answers.push(Answered { number: *number, refusal, state, tick, stamp });
             }
         }
     }
@@ -176,7 +176,6 @@ mod tests {
         CommandMode, Drive, DriveCommand, DriveState, SimulatedDrive, SimulatedDriveSettings,
     };
     use crate::ipc::Instance;
-    use crate::time::MonoNs;
     use nalgebra::SVector;
     use rtrb::RingBuffer;
     use std::sync::Arc;

@@ -2,7 +2,8 @@
 
 use crate::control::lifecycle::{Refusal, Request};
 use crate::control::order::ControlOrder;
-use crate::messages::ControlState;
+use crate::messages::{ControlCommand, ControlState};
+use crate::time::MonoNs;
 
 /// On its way to the loop.
 #[derive(Debug, Clone)]
@@ -11,14 +12,20 @@ pub(super) enum Asking<const N: usize> {
     /// The mission's.
     Order(ControlOrder<N>),
     /// A client's, which wants an answer.
-    Request(Numbered),
+    Request {
+        number: u64,
+        request: Request,
+        /// What it carries, as the mission has planned it.
+        order: Option<ControlOrder<N>>,
+    },
 }
 
-/// A request on its way to the loop.
+/// A request of a client, before it was planned.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Numbered {
+pub(super) struct ClientRequest {
     pub(super) number: u64,
     pub(super) request: Request,
+    pub(super) command: ControlCommand,
 }
 
 /// What the loop says to it.
@@ -27,4 +34,8 @@ pub(super) struct Answered {
     pub(super) number: u64,
     pub(super) refusal: Option<Refusal>,
     pub(super) state: ControlState,
+    /// The tick at whose begin it took effect.
+    pub(super) tick: u64,
+    /// Its time.
+    pub(super) stamp: MonoNs,
 }

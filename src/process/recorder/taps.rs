@@ -4,7 +4,7 @@ use crate::config::{Config, DriveKind};
 use crate::ipc::{Channel, QuietFrameReceiver, Receiver, Services};
 use crate::messages::{
     CameraHealth, DriveCommandMsg, DriveStateMsg, FrameHeader, JointState, Measurement, MessageRecord,
-    Status, TraceMsg,
+    RequestMsg, Status, TraceMsg,
 };
 use crate::process::vision::FrameCounter;
 use crate::process::{ProcessError, shape_of};
@@ -60,6 +60,7 @@ numbered! {
     JointState: sequence, stamp;
     TraceMsg: sequence, stamp;
     Status: sequence, stamp;
+    RequestMsg: sequence, stamp;
     DriveCommandMsg: sequence, stamp;
     DriveStateMsg: sequence, stamp;
 }
@@ -155,6 +156,7 @@ pub(super) fn open<W: Write>(
     taps.push(records(Channel::Measurement(id), services.measurement_recorder(id)?, writer)?);
     taps.push(records(Channel::JointState, services.joint_state_recorder()?, writer)?);
     taps.push(records(Channel::Status, services.status_recorder()?, writer)?);
+    taps.push(records(Channel::Request, services.request_recorder()?, writer)?);
     if config.drive.kind == DriveKind::External {
         let (commands, states) = services.drive_recorders()?;
         taps.push(records(Channel::DriveCommand, commands, writer)?);

@@ -147,7 +147,7 @@ fn stopped_before_the_start(config: &Config, wall: SpanNs) -> FinishedRun {
     let mut summary = Summary::without_control(config, wall);
     summary.outcome = Outcome::Stopped;
     summary.reason = "a stop was requested before the loop began".into();
-    FinishedRun { exit_code: summary.outcome.exit_code(), summary }
+    FinishedRun { exit_code: summary.outcome.exit_code_of(config.awaits_its_end()), summary }
 }
 
 /// A process that ended before its time, or hangs.
@@ -234,7 +234,9 @@ fn conclude(
             let exit_code = exit_code.filter(|c| *c == 3 || *c == 1).unwrap_or(Outcome::Fault.exit_code());
             broken(how, exit_code, summary)
         }
-        (None, (_, Some(summary))) => FinishedRun { exit_code: summary.outcome.exit_code(), summary },
+        (None, (_, Some(summary))) => {
+            FinishedRun { exit_code: summary.outcome.exit_code_of(config.awaits_its_end()), summary }
+        }
         (None, (end, None)) => {
             let exit_code = end.exit_code().filter(|c| *c != 0).unwrap_or(Outcome::Fault.exit_code());
             broken(format!("the control process ended without a result: {end}"), exit_code, None)

@@ -1,6 +1,6 @@
 //! The effective gain of a resolved-velocity law: reduced near the goal and for an arm that oscillates, raised where the law uses predicted views.
 
-use super::{ServoGoal, ServoSettings, View};
+use super::{ServoGoal, ServoSettings, View, VisualServo};
 use nalgebra::Vector2;
 
 /// Feature error at which the gain has fallen half-way to `gain_at_goal_1_s`, root mean square, normalized: a pixel of a lens of 800 px, below which
@@ -11,6 +11,13 @@ const SLOW_1_S: f64 = 1.0;
 /// Product of gain and age above which the gain is not raised to match a held law. Derived: up to here the series of [`as_quick_as_held`] is exact to 0.5 %; its
 /// equation has no real solution beyond 1 / e = 0.37, from where on the held law swings.
 const MAX_HELD: f64 = 0.2;
+
+impl<const N: usize> VisualServo<N> {
+    /// Sets the gain of the law, 1/s, as `servo.gain_1_s` does with one number. Returns whether it did: not where the law has several or an adaptive one.
+    pub fn set_gain(&mut self, gain_1_s: f64) -> bool {
+        self.settings.law.set_gain(gain_1_s)
+    }
+}
 
 impl ServoSettings {
     /// Factor on a law's rate `rate_1_s`: the part above [`SLOW_1_S`] is multiplied by the reduced share of the gain of an oscillating arm, and near the

@@ -1,4 +1,4 @@
-//! How `vservo ctl` reaches control: over the command service, or, for a stop, through the stop word. Neither takes longer than it
+//! How a client reaches control: over the command service, or, for a stop, through the stop word. Neither takes longer than it
 //! may, whatever stands in its way.
 
 use crate::ipc::{Halt, Instance, InstanceError, IpcError, Role, Services};
@@ -25,11 +25,10 @@ pub(super) struct AnswerTimeout {
 }
 
 impl AnswerTimeout {
-    /// From now on. A signal does not end this process in the middle of joining, which would leave to others what it has half
-    /// made: it ends the wait.
-    pub(super) fn begin(timeout_s: f64) -> Result<Self, ProcessError> {
-        let until = now() + SpanNs::from_s(timeout_s);
-        Ok(Self { timeout_s, until, interrupted: StopFlag::on_signals()? })
+    /// From now on. A signal that sets `interrupted` does not end this process in the middle of joining, which would leave to others what it
+    /// has half made: it ends the wait.
+    pub(super) fn begin(timeout_s: f64, interrupted: StopFlag) -> Self {
+        Self { timeout_s, until: now() + SpanNs::from_s(timeout_s), interrupted }
     }
 
     fn left(&self) -> Duration {

@@ -1,0 +1,24 @@
+//! `vservo do`: a running instance does the steps of a program.
+
+use super::arguments::DoArguments;
+use crate::client::{Client, ProgramOutcome};
+use crate::config::Program;
+use crate::control::outcome::{Outcome, STOPPED};
+use crate::input::printable;
+use crate::process::{ProcessError, StopFlag};
+use crate::rt::tell;
+
+/// Reads all of the program, then does it. The exit code: 0 done, 4 a fault, 5 a step failed, 6 stopped.
+pub(super) fn do_program(arguments: &DoArguments) -> Result<u8, ProcessError> {
+    let program = Program::load(&arguments.program)?;
+    let client = Client::connect(&arguments.instance)?.interrupted_by(StopFlag::on_signals()?);
+    let end = client.run_program(&program, &mut |line| tell(format_args!("{}", printable(line))))?;
+    let (code, word) = match end.outcome {
+        ProgramOutcome::Done => (0, "done"),
+        ProgramOutcome::Fault => (Outcome::Fault.exit_code(), "fault"),
+        ProgramOutcome::Failed => (Outcome::NotConverged.exit_code(), "failed"),
+        ProgramOutcome::Stopped => (STOPPED, "stopped"),
+    };
+    tell(format_args!("{word} at {}: {}", end.step, printable(&end.reason)));
+    Ok(code)
+}

@@ -1,0 +1,154 @@
+//! An answer of control in words and numbers.
+
+use crate::control::lifecycle::{Refusal, Request};
+use crate::control::safety::Fault;
+use crate::input::printable;
+use crate::ipc::Instance;
+use crate::messages::{CameraState, ControlAnswer, ControlState, TargetStatus, answer_flag};
+use serde::Serialize;
+use std::fmt::Write as _;
+
+/// An answer; what is unknown is `None`, `null` in JSON.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RunAnswer {
+    /// Name of the run.
+    pub instance: String,
+    /// What was asked for.
+    pub request: &'static str,
+    /// Whether it was accepted.
+    pub accepted: bool,
+    /// Why it was refused.
+    pub reason: Option<&'static str>,
+    /// The state of control.
+    pub state: &'static str,
+    /// The fault.
+    pub fault: Option<&'static str>,
+    /// What the last measurement showed of the target.
+    pub target: Option<&'static str>,
+    /// The state of a real camera.
+    pub camera: Option<&'static str>,
+    /// For how long it has been in that state, s.
+    pub camera_state_s: Option<f64>,
+    /// Whether the run serves requests and ends on request.
+    pub served: Option<bool>,
+    /// Number of the control tick.
+    pub tick: Option<u64>,
+    /// Time since the first tick, s.
+    pub time_s: Option<f64>,
+    /// Number of the goal: 0 is that of the run file.
+    pub goal: Option<u32>,
+    /// Whether the goal is reached and held.
+    pub at_goal: Option<bool>,
+    /// For how long, s.
+    pub at_goal_s: Option<f64>,
+    /// Root mean square feature error, px.
+    pub feature_error_px: Option<f64>,
+    /// Distance of the camera from its desired position, m.
+    pub position_error_m: Option<f64>,
+    /// Angle of the camera from its desired orientation, rad.
+    pub orientation_error_rad: Option<f64>,
+    /// Measured joint positions.
+    pub q_rad_or_m: Vec<f64>,
+    /// Measured joint velocities.
+    pub qd_rad_s_or_m_s: Vec<f64>,
+    /// The points of the goal, each with its desired normalized image coordinates.
+    #[serde(skip)]
+    pub goal_points: Vec<(u32, [f64; 2])>,
+}
+
+impl RunAnswer {
+    pub(super) fn of(instance: &Instance, request: Option<Request>, a: &ControlAnswer) -> Self {
+        let known = |x: f64| Some(x).filter(|x| x.is_finite());
+        let joints = a.joints as usize;
+        let describe =
+            |code| Refusal::from_code(code).map_or("for a reason of another version", Refusal::describe);
+        Self {
+            instance: instance.to_string(),
+            request: request.map_or("status", Request::as_str),
+            accepted: a.refusal == 0,
+            reason: (a.refusal != 0).then(|| describe(a.refusal)),
+            state: ControlState::from_code(a.state).as_str(),
+            fault: Fault::from_code(a.fault).map(Fault::describe),
+            target: Some(TargetStatus::from_code(a.target).as_str()),
+            camera: Some(CameraState::from_code(a.camera_state))
+                .filter(|state| *state != CameraState::Unknown)
+                .map(CameraState::as_str),
+            camera_state_s: known(a.camera_state_s),
+            served: Some(a.flags & answer_flag::SERVED != 0),
+            tick: Some(a.tick),
+            time_s: Some(a.time_s),
+            goal: Some(a.goal),
+            at_goal: Some(a.at_goal_s.is_finite()),
+            at_goal_s: known(a.at_goal_s),
+            feature_error_px: known(a.feature_error_px),
+            position_error_m: known(a.position_error_m),
+            orientation_error_rad: known(a.orientation_error_rad),
+            q_rad_or_m: a.q.iter().take(joints).copied().collect(),
+            qd_rad_s_or_m_s: a.qd.iter().take(joints).copied().collect(),
+            goal_points: goal_points(a).take(a.goal_points as usize).collect(),
+        }
+    }
+
+    /// What the stop word tells: no more than the state, and no less to whoever wants the arm to stand.
+    pub(super) fn of_halt(instance: &Instance, request: Request, state: ControlState) -> Self {
+        Self {
+            instance: instance.to_string(),
+            request: request.as_str(),
+            accepted: true,
+            reason: None,
+            state: state.as_str(),
+            fault: None,
+            target: None,
+            camera: None,
+            camera_state_s: None,
+            served: None,
+            tick: None,
+            time_s: None,
+            goal: None,
+            at_goal: None,
+            at_goal_s: None,
+            feature_error_px: None,
+            position_error_m: None,
+            orientation_error_rad: None,
+            q_rad_or_m: Vec::new(),
+            qd_rad_s_or_m_s: Vec::new(),
+            goal_points: Vec::new(),
+        }
+    }
+
+    /// The state with the fault in words.
+    #[must_use]
+    pub fn state_in_words(&self) -> String {
+        self.fault.map_or_else(
+            || self.state.to_owned(),
+            |fault| format!("{} ({fault}; see to its cause, then `vservo ctl reset`)", self.state),
+        )
+    }
+
+    /// A line for people.
+    #[must_use]
+    pub fn line(&self) -> String {
+        let mut line = format!("{}: {}", printable(&self.instance), self.state_in_words());
+        if let Some(s) = self.at_goal_s {
+            let _ = write!(line, ", at the goal for {s:.1} s");
+        }
+        if let Some(time_s) = self.time_s {
+            let _ = write!(line, ", {time_s:.1} s");
+        }
+        if let Some((camera, s)) = self.camera.zip(self.camera_state_s) {
+            let _ = write!(line, ", camera {camera} for {s:.1} s");
+        }
+        if let Some(error) = self.feature_error_px {
+            let _ = write!(line, ", feature error {error:.3} px");
+        }
+        if let Some((m, rad)) = self.position_error_m.zip(self.orientation_error_rad) {
+            let _ = write!(line, ", camera {:.2} mm {:.3} deg from the goal", m * 1e3, rad.to_degrees());
+        }
+        line + "\n"
+    }
+}
+
+fn goal_points(a: &ControlAnswer) -> impl Iterator<Item = (u32, [f64; 2])> {
+    let (features, _) = a.goal_features.as_chunks::<2>();
+    a.goal_ids.into_iter().zip(features.to_vec())
+}

@@ -1,0 +1,168 @@
+//! Requests that carry numbers: goals, postures, small motions, settings.
+
+use super::{Client, RunAnswer, WaitFor};
+use crate::config::{GoalFeature, GoalFile};
+use crate::control::lifecycle::Request;
+use crate::geometry::Pose;
+use crate::ipc::Role;
+use crate::messages::{CommandForm, ControlCommand, ControlState};
+use crate::process::ProcessError;
+use nalgebra::Vector3;
+use std::path::Path;
+
+/// What may be set in a running loop.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Setting {
+    /// Gain of a resolved-velocity law, 1/s (`servo.gain_1_s`).
+    Gain,
+    /// Feature error at which the goal counts as reached, px (`goal.feature_error_px`).
+    Tolerance,
+    /// Time for which the goal must be held, s (`goal.hold_s`).
+    Hold,
+}
+
+impl Setting {
+    fn form(self) -> CommandForm {
+        match self {
+            Self::Gain => CommandForm::Gain,
+            Self::Tolerance => CommandForm::Tolerance,
+            Self::Hold => CommandForm::Hold,
+        }
+    }
+}
+
+impl Client {
+    /// Makes the features of a file of `vservo teach` or `vservo ctl teach --save` the goal.
+    ///
+    /// # Errors
+    /// As for [`Self::status`], and when the file cannot be read or is of another target than the run's.
+    pub fn goal_file(&self, path: &Path) -> Result<RunAnswer, ProcessError> {
+        let goal = GoalFile::load(path).map_err(ProcessError::NoCommand)?;
+        self.goal(&goal).map_err(|error| match error {
+            ProcessError::NoCommand(why) => ProcessError::NoCommand(format!("{}: {why}", path.display())),
+            other => other,
+        })
+    }
+
+    /// Makes the features of `goal` the goal.
+    ///
+    /// # Errors
+    /// As for [`Self::status`], and when it is of another target than the run's.
+    pub fn goal(&self, goal: &GoalFile) -> Result<RunAnswer, ProcessError> {
+        if let Some(target) = self.target().filter(|target| *target != goal.target) {
+            let why =
+                format!("is of a target of kind \"{}\", target.kind of the run is \"{target}\"", goal.target);
+            return Err(ProcessError::NoCommand(why));
+        }
+        let s: Vec<f64> = goal.features.iter().flat_map(|feature| feature.s).collect();
+        let mut command = with_numbers(Request::Goal, CommandForm::Features, &s)?;
+        command.ids.iter_mut().zip(&goal.features).for_each(|(place, feature)| *place = feature.id);
+        self.send(Request::Goal, command)
+    }
+
+    /// Makes the view with the target at `X_DO` in the camera the goal.
+    ///
+    /// # Errors
+    /// As for [`Self::status`].
+    pub fn goal_pose(&self, X_DO: &Pose) -> Result<RunAnswer, ProcessError> {
+        let (p, q) = (X_DO.translation.vector, X_DO.rotation.coords);
+        let numbers = [p.x, p.y, p.z, q.x, q.y, q.z, q.w];
+        self.send(Request::Goal, with_numbers(Request::Goal, CommandForm::Pose, &numbers)?)
+    }
+
+    /// Moves the arm to the posture `q`, rad or m, and holds it there.
+    ///
+    /// # Errors
+    /// As for [`Self::status`].
+    pub fn goto(&self, q: &[f64]) -> Result<RunAnswer, ProcessError> {
+        self.send(Request::Goto, with_numbers(Request::Goto, CommandForm::Joints, q)?)
+    }
+
+    /// The same to the posture in which the goal of a file was taught.
+    ///
+    /// # Errors
+    /// As for [`Self::status`], and when the file cannot be read or has no posture.
+    pub fn goto_file(&self, path: &Path) -> Result<RunAnswer, ProcessError> {
+        let goal = GoalFile::load(path).map_err(ProcessError::NoCommand)?;
+        if goal.q_rad_or_m.is_empty() {
+            let why = "has no q_rad_or_m: `vservo ctl teach --save FILE` writes the posture beside the goal";
+            return Err(ProcessError::NoCommand(format!("{}: {why}", path.display())));
+        }
+        self.goto(&goal.q_rad_or_m)
+    }
+
+    /// Moves each joint by `dq`, rad or m, and holds it there.
+    ///
+    /// # Errors
+    /// As for [`Self::status`].
+    pub fn jog_joints(&self, dq: &[f64]) -> Result<RunAnswer, ProcessError> {
+        self.send(Request::Jog, with_numbers(Request::Jog, CommandForm::Joints, dq)?)
+    }
+
+    /// Moves the camera by `position_m` and by the rotation vector `rotation_rad`, both in its own frame, and holds it there.
+    ///
+    /// # Errors
+    /// As for [`Self::status`].
+    pub fn jog_camera(
+        &self,
+        position_m: &Vector3<f64>,
+        rotation_rad: &Vector3<f64>,
+    ) -> Result<RunAnswer, ProcessError> {
+        let (p, r) = (position_m, rotation_rad);
+        let numbers = [p.x, p.y, p.z, r.x, r.y, r.z];
+        self.send(Request::Jog, with_numbers(Request::Jog, CommandForm::CameraMotion, &numbers)?)
+    }
+
+    /// Changes what may change in a running loop.
+    ///
+    /// # Errors
+    /// As for [`Self::status`].
+    pub fn set(&self, setting: Setting, value: f64) -> Result<RunAnswer, ProcessError> {
+        self.send(Request::Set, with_numbers(Request::Set, setting.form(), &[value])?)
+    }
+
+    /// Teaches, waits until the goal is taught, and returns it with the arm's posture; a refusal is the `Err` of the result.
+    ///
+    /// # Errors
+    /// As for [`Self::wait`].
+    pub fn taught(&self, timeout_s: f64) -> Result<Result<GoalFile, String>, ProcessError> {
+        let answer = self.teach()?;
+        if let Some(reason) = answer.reason {
+            return Ok(Err(reason.to_owned()));
+        }
+        let end = self.wait(WaitFor::State(ControlState::Held), timeout_s)?;
+        let Some(status) = end.status.filter(|_| end.is_reached) else { return Ok(Err(end.reason)) };
+        if status.goal == answer.goal {
+            return Ok(Err("teaching was given up".to_owned()));
+        }
+        let feature = |(id, s): &(u32, [f64; 2])| GoalFeature { id: *id, s: *s, px: None, spread_px: None };
+        Ok(Ok(GoalFile {
+            target: self.target().unwrap_or_default(),
+            measurements: None,
+            q_rad_or_m: status.q_rad_or_m,
+            thumbnail: None,
+            pose: None,
+            features: status.goal_points.iter().map(feature).collect(),
+        }))
+    }
+
+    /// The word for the target of the run.
+    pub(super) fn target(&self) -> Option<String> {
+        let agreement = self.instance().agreement_of(Role::Control)?;
+        Some(agreement.get("target.kind")?.trim_matches('"').to_owned())
+    }
+
+    fn send(&self, request: Request, command: ControlCommand) -> Result<RunAnswer, ProcessError> {
+        self.ask_with(Some(request), command)
+    }
+}
+
+fn with_numbers(
+    request: Request,
+    form: CommandForm,
+    numbers: &[f64],
+) -> Result<ControlCommand, ProcessError> {
+    ControlCommand::with_numbers(request as u32, form, numbers).ok_or_else(|| {
+        ProcessError::NoCommand(format!("{} numbers are more than a request carries", numbers.len()))
+    })
+}

@@ -1,0 +1,444 @@
+//! Programs: what `vservo do` has a running instance do, step by step. All of a file is read and checked before anything moves.
+
+use super::keys::{PoseTable, RotationForms};
+use super::source::Document;
+use super::wait_for::WaitFor;
+use super::{ConfigError, GoalFile, Problem, check, pose_forms, tables};
+use crate::geometry::Pose;
+use crate::input::{file, nearest, number};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::ops::RangeInclusive;
+use std::path::{Path, PathBuf};
+
+/// Bounds of the times of a step, s. Chosen by hand: from the period at which a program looks, to a day.
+const TIME_S: RangeInclusive<f64> = 0.1..=86_400.0;
+/// How long a step may take where it does not say, s. Chosen: as long as a run takes at most where its file says nothing.
+const USUAL_TIMEOUT_S: f64 = 30.0;
+/// Most repetitions. Chosen by hand, more than a day of steps of a second.
+const MAX_REPEAT: u32 = 100_000;
+/// Steps within steps within steps. Chosen by hand, so that no depth can overflow the stack.
+const DEEPEST: usize = 4;
+/// Joint positions, rad or m, as in a run file. Chosen by hand, wider than any joint.
+const POSITION: RangeInclusive<f64> = -100.0..=100.0;
+
+/// A file as it is written.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct RawProgram {
+    goals: BTreeMap<String, RawProgramGoal>,
+    postures: BTreeMap<String, RawPosture>,
+    steps: Vec<RawStep>,
+    on_fault: Vec<RawStep>,
+}
+
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct RawProgramGoal {
+    file: Option<PathBuf>,
+    position_m: Option<[f64; 3]>,
+    rotation_rpy_rad: Option<[f64; 3]>,
+    rotation_rpy_deg: Option<[f64; 3]>,
+    rotation_xyzw: Option<[f64; 4]>,
+    rotation_vector_rad: Option<[f64; 3]>,
+}
+
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct RawPosture {
+    q_rad_or_m: Vec<f64>,
+    file: Option<PathBuf>,
+}
+
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct RawStep {
+    goto: Option<String>,
+    servo: Option<String>,
+    for_s: Option<f64>,
+    wait: Option<String>,
+    wait_s: Option<f64>,
+    call: Option<Vec<String>>,
+    repeat: Option<u32>,
+    steps: Vec<RawStep>,
+    reset: Option<bool>,
+    timeout_s: Option<f64>,
+}
+
+/// A program.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Program {
+    /// What it does.
+    pub steps: Vec<ProgramStep>,
+    /// What it does when one of these fails: a fault, a time that is over, a command that says no.
+    pub on_fault: Vec<ProgramStep>,
+}
+
+/// A step of a program.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ProgramStep {
+    /// Its place in the file, as in `steps[2]`.
+    pub key: String,
+    /// What it does.
+    pub action: StepAction,
+    /// How long it may take, s.
+    pub timeout_s: f64,
+}
+
+/// What a step does.
+#[derive(Debug, Clone, PartialEq)]
+pub enum StepAction {
+    /// Moves the arm to a posture, rad or m, and holds it.
+    Goto(String, Vec<f64>),
+    /// Servoes to a goal until it is reached and held, and goes on for so many seconds.
+    Servo(String, ProgramGoal, f64),
+    /// Waits.
+    Wait(WaitFor),
+    /// Waits for so many seconds.
+    Pause(f64),
+    /// Runs a program with its arguments; an exit code other than 0 fails.
+    Call(Vec<String>),
+    /// Does steps again and again.
+    Repeat(u32, Vec<ProgramStep>),
+    /// Clears a fault.
+    Reset,
+}
+
+/// A goal of a program.
+#[derive(Debug, Clone, PartialEq)]
+pub enum ProgramGoal {
+    /// That which the run has: `servo = "present"`.
+    Present,
+    /// A taught one.
+    Taught(GoalFile),
+    /// The pose of the target in the camera at the goal.
+    Pose(Pose),
+}
+
+impl Program {
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// All that is wrong with it, each with line and key.
+    pub fn load(path: &Path) -> Result<Self, ConfigError> {
+        let name = path.display().to_string();
+        let text = file::read(path, file::MAX_TOML).map_err(|e| {
+            ConfigError::new(vec![Problem::of_file(&name, format!("cannot be read: {e}"))], 0)
+        })?;
+        Self::parse(&name, &text, path.parent().unwrap_or(Path::new("")))
+    }
+
+    /// Parses the text of a file whose paths are relative to `folder`.
+    ///
+    /// # Errors
+    /// As for [`Self::load`].
+    pub fn parse(name: &str, text: &str, folder: &Path) -> Result<Self, ConfigError> {
+        let mut document = Document::parse(name, text)?;
+        let mut problems = Vec::new();
+        let (raw, more): (RawProgram, _) = tables::read(&mut document, &mut problems);
+        let mut reader = ProgramReader { document: &document, folder, problems };
+        let goals =
+            raw.goals.iter().filter_map(|(name, goal)| Some((name.clone(), reader.goal(name, goal)?)));
+        let goals: BTreeMap<_, _> = goals.collect();
+        let postures = raw
+            .postures
+            .iter()
+            .filter_map(|(name, posture)| Some((name.clone(), reader.posture(name, posture)?)));
+        let postures: BTreeMap<_, _> = postures.collect();
+        let names = Names { goals, postures, raw: &raw };
+        // Steps of which one is wrong are set aside, which was reported.
+        if raw.steps.is_empty() && document.get("steps").is_none() && reader.problems.is_empty() {
+            reader.wrong("steps", "a program needs a step: [[steps]]".into());
+        }
+        let steps = reader.steps("steps", &raw.steps, &names, 1);
+        let on_fault = reader.steps("on_fault", &raw.on_fault, &names, 1);
+        let problems = reader.problems;
+        if problems.is_empty() { Ok(Self { steps, on_fault }) } else { Err(ConfigError::new(problems, more)) }
+    }
+
+    /// All steps, those within others included.
+    pub fn all_steps(&self) -> Vec<&ProgramStep> {
+        fn walk<'a>(steps: &'a [ProgramStep], all: &mut Vec<&'a ProgramStep>) {
+            for step in steps {
+                all.push(step);
+                if let StepAction::Repeat(_, inner) = &step.action {
+                    walk(inner, all);
+                }
+            }
+        }
+        let mut all = Vec::new();
+        walk(&self.steps, &mut all);
+        walk(&self.on_fault, &mut all);
+        all
+    }
+}
+
+struct Names<'a> {
+    goals: BTreeMap<String, ProgramGoal>,
+    postures: BTreeMap<String, Vec<f64>>,
+    raw: &'a RawProgram,
+}
+
+struct ProgramReader<'a> {
+    document: &'a Document,
+    folder: &'a Path,
+    problems: Vec<Problem>,
+}
+
+impl PoseTable for RawProgramGoal {
+    fn take_forms(&mut self) -> RotationForms {
+        RotationForms {
+            rpy_deg: self.rotation_rpy_deg.take(),
+            xyzw: self.rotation_xyzw.take(),
+            vector_rad: self.rotation_vector_rad.take(),
+            matrix: None,
+        }
+    }
+
+    fn set_position_m(&mut self, position_m: [f64; 3]) {
+        self.position_m = Some(position_m);
+    }
+
+    fn set_rotation_rpy_rad(&mut self, rotation_rpy_rad: [f64; 3]) {
+        self.rotation_rpy_rad = Some(rotation_rpy_rad);
+    }
+}
+
+impl ProgramReader<'_> {
+    fn wrong(&mut self, key: &str, message: String) {
+        self.problems.push(self.document.problem(key, message));
+    }
+
+    fn within(&mut self, key: &str, value: f64, allowed: &RangeInclusive<f64>) -> f64 {
+        if !allowed.contains(&value) {
+            let (low, high) = (number(*allowed.start()), number(*allowed.end()));
+            self.wrong(key, format!("{} is out of range, allowed is {low} to {high}", number(value)));
+        }
+        value
+    }
+
+    fn goal_file(&mut self, key: &str, path: &Path) -> Option<GoalFile> {
+        GoalFile::load(&self.folder.join(path)).map_err(|why| self.wrong(&format!("{key}.file"), why)).ok()
+    }
+
+    fn goal(&mut self, name: &str, raw: &RawProgramGoal) -> Option<ProgramGoal> {
+        let (key, before) = (format!("goals.{name}"), self.problems.len());
+        match (&raw.file, raw.position_m) {
+            (Some(path), None) => self.goal_file(&key, path).map(ProgramGoal::Taught),
+            (None, Some(position_m)) => {
+                let mut raw = raw.clone();
+                pose_forms::resolve_one(&key, &mut raw, self.document, &mut self.problems);
+                let mut range = check::Validation::new(self.document, &mut self.problems);
+                let X_DO = range.pose(&key, position_m, raw.rotation_rpy_rad.unwrap_or_default());
+                (self.problems.len() == before).then_some(ProgramGoal::Pose(X_DO))
+            }
+            (Some(_), Some(_)) => {
+                self.wrong(&key, "has file and position_m: leave out one of them".into());
+                None
+            }
+            (None, None) => {
+                self.wrong(
+                    &key,
+                    "needs file (of `vservo teach`), or position_m of the target in the camera".into(),
+                );
+                None
+            }
+        }
+    }
+
+    fn posture(&mut self, name: &str, raw: &RawPosture) -> Option<Vec<f64>> {
+        let key = format!("postures.{name}");
+        let q = match (&raw.file, raw.q_rad_or_m.is_empty()) {
+            (Some(path), true) => self.goal_file(&key, path)?.q_rad_or_m,
+            (None, false) => raw.q_rad_or_m.clone(),
+            _ => {
+                self.wrong(&key, "needs either q_rad_or_m or file (of `vservo ctl teach --save`)".into());
+                return None;
+            }
+        };
+        if q.is_empty() {
+            self.wrong(
+                &format!("{key}.file"),
+                "has no q_rad_or_m: `vservo ctl teach --save FILE` writes it".into(),
+            );
+        }
+        for (i, x) in q.iter().enumerate() {
+            self.within(&format!("{key}.q_rad_or_m[{i}]"), *x, &POSITION);
+        }
+        Some(q)
+    }
+
+    fn steps(&mut self, key: &str, raw: &[RawStep], names: &Names<'_>, depth: usize) -> Vec<ProgramStep> {
+        let steps = raw.iter().enumerate();
+        steps.filter_map(|(i, raw)| self.step(format!("{key}[{i}]"), raw, names, depth)).collect()
+    }
+
+    fn step(&mut self, key: String, raw: &RawStep, names: &Names<'_>, depth: usize) -> Option<ProgramStep> {
+        let is_written = [
+            ("goto", raw.goto.is_some()),
+            ("servo", raw.servo.is_some()),
+            ("wait", raw.wait.is_some()),
+            ("wait_s", raw.wait_s.is_some()),
+            ("call", raw.call.is_some()),
+            ("repeat", raw.repeat.is_some()),
+            ("reset", raw.reset.is_some()),
+        ];
+        let written: Vec<_> =
+            is_written.iter().filter(|(_, is_written)| *is_written).map(|(word, _)| *word).collect();
+        let [word] = written[..] else {
+            let words = is_written.map(|(word, _)| word).join(", ");
+            self.wrong(&key, format!("a step has exactly one of {words}; this one has {}", written.len()));
+            return None;
+        };
+        for (name, belongs, is_there) in
+            [("for_s", "servo", raw.for_s.is_some()), ("steps", "repeat", !raw.steps.is_empty())]
+        {
+            if is_there && word != belongs {
+                self.wrong(&format!("{key}.{name}"), format!("goes with {belongs}, not with {word}"));
+            }
+        }
+        // Repeated steps have times of their own.
+        let usual = if word == "repeat" { f64::INFINITY } else { USUAL_TIMEOUT_S };
+        let timeout_s = raw.timeout_s.map_or(usual, |s| self.within(&format!("{key}.timeout_s"), s, &TIME_S));
+        let at = format!("{key}.{word}");
+        let action = match word {
+            "goto" => {
+                let name = raw.goto.clone()?;
+                let q = self.named(&at, &name, &names.postures, names.raw.postures.keys(), "postures")?;
+                StepAction::Goto(name, q)
+            }
+            "servo" => {
+                let (name, for_s) = (raw.servo.clone()?, raw.for_s.unwrap_or(0.0));
+                self.within(&format!("{key}.for_s"), for_s, &(0.0..=*TIME_S.end()));
+                let goal = if name == "present" {
+                    ProgramGoal::Present
+                } else {
+                    self.named(&at, &name, &names.goals, names.raw.goals.keys(), "goals")?
+                };
+                StepAction::Servo(name, goal, for_s)
+            }
+            "wait" => match raw.wait.as_deref()?.parse() {
+                Ok(what) => StepAction::Wait(what),
+                Err(why) => {
+                    self.wrong(&at, why);
+                    return None;
+                }
+            },
+            "wait_s" => StepAction::Pause(self.within(&at, raw.wait_s?, &TIME_S)),
+            "call" => {
+                let mut command = raw.call.clone()?;
+                if let Some(why) = self.no_program(&command) {
+                    self.wrong(&at, why);
+                }
+                if let Some(program) = command.first_mut().filter(|program| program.contains('/')) {
+                    *program = self.folder.join(&*program).to_string_lossy().into_owned();
+                }
+                StepAction::Call(command)
+            }
+            "repeat" => {
+                let count = raw.repeat?;
+                if !(1..=MAX_REPEAT).contains(&count) {
+                    self.wrong(&at, format!("{count} is out of range, allowed is 1 to {MAX_REPEAT}"));
+                }
+                if raw.steps.is_empty() {
+                    self.wrong(&at, "needs steps = [{ ... }, { ... }]".into());
+                }
+                if depth >= DEEPEST {
+                    self.wrong(&at, format!("lies in {depth} steps, at most {DEEPEST} are allowed"));
+                    return None;
+                }
+                StepAction::Repeat(count, self.steps(&format!("{key}.steps"), &raw.steps, names, depth + 1))
+            }
+            _ => StepAction::Reset,
+        };
+        Some(ProgramStep { key, action, timeout_s })
+    }
+
+    /// What `name` names among `found`; of one that is written, but wrong, that was reported.
+    fn named<'n, T: Clone>(
+        &mut self,
+        key: &str,
+        name: &str,
+        found: &BTreeMap<String, T>,
+        mut written: impl Iterator<Item = &'n String> + Clone,
+        table: &str,
+    ) -> Option<T> {
+        if !written.clone().any(|other| other == name) {
+            let meant = nearest(name, written.by_ref().map(String::as_str));
+            let meant = meant.map_or(String::new(), |meant| format!("; did you mean `{meant}`?"));
+            self.wrong(key, format!("`{name}` is not in [{table}]{meant}"));
+        }
+        found.get(name).cloned()
+    }
+
+    /// Why a command cannot be run: its program is not there.
+    fn no_program(&self, command: &[String]) -> Option<String> {
+        let Some(program) = command.first().filter(|program| !program.is_empty()) else {
+            return Some("needs a program and its arguments, as in [\"gripper\", \"close\"]".into());
+        };
+        let is_there = if program.contains('/') {
+            self.folder.join(program).is_file()
+        } else {
+            let path = std::env::var_os("PATH").unwrap_or_default();
+            std::env::split_paths(&path).any(|folder| folder.join(program).is_file())
+        };
+        (!is_there).then(|| {
+            format!("there is no program `{program}`, neither in PATH nor, with a `/`, beside this file")
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parse(text: &str) -> Result<Program, String> {
+        Program::parse("p.toml", text, Path::new(".")).map_err(|e| e.to_string())
+    }
+
+    #[test]
+    fn a_program_is_its_steps_with_their_names_resolved() {
+        let text = "[postures.home]\nq_rad_or_m = [0.1, -0.2]\n\
+                    [goals.pick]\nposition_m = [0, 0, 0.5]\nrotation_rpy_deg = [0, 0, 90]\n\
+                    [[steps]]\ngoto = \"home\"\n[[steps]]\nrepeat = 3\nsteps = [{ servo = \"pick\", for_s = 1, timeout_s = 7 }, { call = [\"true\"] }]\n\
+                    [[on_fault]]\nreset = true\n";
+        let program = parse(text).unwrap();
+        assert_eq!(program.steps[0].action, StepAction::Goto("home".into(), vec![0.1, -0.2]));
+        let StepAction::Repeat(3, inner) = &program.steps[1].action else { panic!("{:?}", program.steps[1]) };
+        let StepAction::Servo(name, ProgramGoal::Pose(X_DO), for_s) = &inner[0].action else { panic!() };
+        assert_eq!((name.as_str(), *for_s, inner[0].timeout_s), ("pick", 1.0, 7.0));
+        assert!((X_DO.rotation.angle().to_degrees() - 90.0).abs() < 1e-9);
+        assert_eq!((program.on_fault[0].action.clone(), program.all_steps().len()), (StepAction::Reset, 5));
+    }
+
+    #[test]
+    fn all_that_is_wrong_is_told_with_line_and_key() {
+        let text = "[postures.home]\nq_rad_or_m = []\n\
+                    [goals.pick]\nposition_m = [0, 0, 500]\n\
+                    [[steps]]\ngoto = \"hom\"\n\
+                    [[steps]]\nservo = \"pick\"\ntimeout_s = 0\n\
+                    [[steps]]\nwait_s = 1\nfor_s = 2\n\
+                    [[steps]]\ncall = [\"no-such-program-anywhere\"]\n\
+                    [[steps]]\nwait = \"state=dancing\"\n\
+                    [[steps]]\ngoto = \"home\"\nservo = \"pick\"\n";
+        let told = parse(text).unwrap_err();
+        for line in [
+            "p.toml:1:11: postures.home: needs either q_rad_or_m or file",
+            "p.toml:4:21: goals.pick.position_m[2]: 500 is out of range",
+            "p.toml:6:1: steps[0].goto: `hom` is not in [postures]; did you mean `home`?",
+            "p.toml:9:1: steps[1].timeout_s: 0 is out of range",
+            "p.toml:12:1: steps[2].for_s: goes with servo, not with wait_s",
+            "p.toml:14:1: steps[3].call: there is no program `no-such-program-anywhere`",
+            "p.toml:16:1: steps[4].wait: `dancing` is no state",
+            "steps[5]: a step has exactly one of goto, servo",
+        ] {
+            assert!(told.contains(line), "{line}\n{told}");
+        }
+        assert!(parse("").unwrap_err().contains("a program needs a step"));
+        let unknown = parse("[[steps]]\njump = 1\n").unwrap_err();
+        assert!(
+            unknown.contains("p.toml:2:") && unknown.contains("steps[0].jump: unknown field"),
+            "{unknown}"
+        );
+    }
+}

@@ -1,0 +1,85 @@
+//! Requests of clients with what became of them, for replay and analysis: `control/request`.
+
+use super::layout::record;
+use super::{COMMAND_VALUES, ControlCommand, MAX_FEATURES};
+use crate::time::MonoNs;
+#[cfg(feature = "transport")]
+use iceoryx2::prelude::ZeroCopySend;
+
+record! {
+    "vservo.Request.v1",
+    /// A request of a client and its answer.
+    #[derive(Debug, Clone, Copy, PartialEq)]
+    pub struct RequestMsg {
+        /// Counts the requests, from 0: a gap is a record that was lost on the way.
+        pub sequence: u64,
+        /// Time of the tick at whose begin it took effect, or before which it was refused.
+        pub stamp: MonoNs,
+        /// Number of that tick.
+        pub tick: u64,
+        /// Code of a [`crate::control::lifecycle::Request`].
+        pub request: u32,
+        /// Which arm.
+        pub arm: u32,
+        /// Which camera.
+        pub camera: u32,
+        /// What the numbers are: code of a [`super::CommandForm`]; 0: none.
+        pub form: u32,
+        /// Entries of `values` in use.
+        pub count: u32,
+        /// Code of a [`crate::control::lifecycle::Refusal`]; 0: it was accepted.
+        pub refusal: u32,
+        /// Code of a [`super::ControlState`]: the state right after it.
+        pub state: u32,
+        /// Number of the goal after it.
+        pub goal: u32,
+        /// With the form [`super::CommandForm::Features`], which point each two values belong to.
+        pub ids: [u32; MAX_FEATURES],
+        /// The numbers.
+        pub values: [f64; COMMAND_VALUES],
+    }
+}
+
+impl RequestMsg {
+    /// What was asked for; what became of it is to be added.
+    #[must_use]
+    pub fn of(command: &ControlCommand) -> Self {
+        let ControlCommand { request, arm, camera, form, count, reserved: _, ids, values } = *command;
+        Self {
+            sequence: 0,
+            stamp: MonoNs::ZERO,
+            tick: 0,
+            request,
+            arm,
+            camera,
+            form,
+            count,
+            refusal: 0,
+            state: 0,
+            goal: 0,
+            ids,
+            values,
+        }
+    }
+}
+
+impl Default for RequestMsg {
+    fn default() -> Self {
+        Self::of(&ControlCommand::default())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::mem::{align_of, offset_of, size_of};
+
+    #[test]
+    #[allow(unsafe_code)]
+    fn the_layout_is_fixed_and_named() {
+        assert_eq!((size_of::<RequestMsg>(), align_of::<RequestMsg>()), (1336, 8));
+        assert_eq!((offset_of!(RequestMsg, ids), offset_of!(RequestMsg, values)), (56, 312));
+        // SAFETY: the name is only read.
+        assert_eq!(unsafe { RequestMsg::type_name() }, "vservo.Request.v1");
+    }
+}

@@ -1,0 +1,239 @@
+//! Requests of clients that carry numbers: goals, postures, small motions, settings. They are checked and planned here, beside the real-time thread; what
+//! comes out is one order, which control obeys with the request if its lifecycle accepts that.
+//!
+//! ```text
+//! ControlCommand ─► [`Mission::plan`] ─► Request with its order ─► control: lifecycle ─► accepted? ─► [`Mission::decided`]: the mission's own goal
+//!                         └► Refusal                                                      └► Refusal
+//! ```
+
+use super::goal_watch::GoalWatch;
+use super::{Mission, RunTask, vector};
+use crate::control::lifecycle::{Refusal, Request};
+use crate::control::order::ControlOrder;
+use crate::geometry::{Pose, rotation_angle};
+use crate::messages::{CommandForm, ControlCommand};
+use crate::servo::{PostureSearch, SetPoint};
+use crate::time::SpanNs;
+use nalgebra::{Point3, Quaternion, SVector, Translation3, UnitQuaternion, Vector2, Vector3};
+use std::ops::RangeInclusive;
+
+/// Bounds of `servo.gain_1_s`, in a run file and in a running loop, 1/s. Chosen by hand, wider than any use, so that a slip of the unit is reported.
+pub const GAIN_1_S: RangeInclusive<f64> = 1e-3..=100.0;
+/// The same of `goal.feature_error_px`. Chosen by hand.
+pub const TOLERANCE_PX: RangeInclusive<f64> = 1e-6..=100.0;
+/// The same of `goal.hold_s`. Chosen by hand.
+pub const HOLD_S: RangeInclusive<f64> = 0.0..=60.0;
+
+/// Longest jog, m. Chosen by hand: what a person expects of a key press, and less than what an arm has room for at most postures.
+const JOG_M: f64 = 0.05;
+/// The same in rad. Chosen by hand.
+const JOG_RAD: f64 = 0.2;
+/// How far the camera may end from where a jog wants it, m and rad: more than the rounding of the search, less than anybody sees. Chosen by hand.
+const JOG_REACHED: f64 = 1e-5;
+/// How far a quaternion's norm may be from 1. Derived: three decimals are off by 5e-4 each, and four of them by up to 2e-3, as in a run file (`config/pose_forms.rs`).
+const NORM_ERROR: f64 = 2e-3;
+/// Points that must be in the image at a goal, or all where there are fewer. Derived: four points in a plane are the fewest that give one pose.
+const POINTS_IN_VIEW: usize = 4;
+/// Normalized coordinates. Derived: they are tangents, and those of a camera that sees farther to the side than 89 degrees are beyond 57.
+const FEATURES: RangeInclusive<f64> = -57.0..=57.0;
+/// Position of a desired pose, m, as in a run file. Chosen by hand, wider than any cell.
+const POSITION_M: RangeInclusive<f64> = -100.0..=100.0;
+
+/// What the mission changes of its own when control accepts a request.
+#[derive(Debug, Clone, PartialEq)]
+#[allow(clippy::large_enum_variant)] // a few in a run
+pub(super) enum MissionChange {
+    /// The goal is to be reached anew.
+    Start,
+    /// The goal.
+    Goal(SetPoint),
+    /// Its tolerance, px.
+    Tolerance(f64),
+    /// For how long it must be held.
+    Hold(SpanNs),
+}
+
+impl<const N: usize> Mission<N> {
+    /// Checks the request `number` of a client and plans it: the order that control is to obey with it.
+    ///
+    /// # Errors
+    /// Why it cannot be done, whatever the state of control is.
+    pub fn plan(
+        &mut self,
+        number: u64,
+        request: Request,
+        command: &ControlCommand,
+    ) -> Result<Option<ControlOrder<N>>, Refusal> {
+        let form = CommandForm::from_code(command.form);
+        let (change, order) = match (request, form) {
+            (Request::Start, None) => (Some(MissionChange::Start), None),
+            (Request::Hold | Request::Teach | Request::Reset | Request::Stop | Request::Shutdown, None) => {
+                (None, None)
+            }
+            (Request::Goal, Some(form)) => {
+                let goal = self.goal_of(form, command)?;
+                (Some(MissionChange::Goal(goal.clone())), Some(ControlOrder::Goal(goal)))
+            }
+            (Request::Goto, Some(CommandForm::Joints)) => {
+                (None, Some(ControlOrder::Posture(self.posture(&joints(command)?)?)))
+            }
+            (Request::Jog, Some(form)) => (None, Some(ControlOrder::Posture(self.jogged(form, command)?))),
+            (Request::Set, Some(form)) => self.setting(form, command)?,
+            _ => return Err(Refusal::WrongNumbers),
+        };
+        self.pending.extend(change.map(|change| (number, change)));
+        Ok(order)
+    }
+
+    /// Takes in whether control has accepted the request `number`.
+    pub fn decided(&mut self, number: u64, accepted: bool) {
+        while let Some((_, change)) = self.pending.pop_front_if(|(earlier, _)| *earlier <= number) {
+            if !accepted {
+                continue;
+            }
+            match change {
+                MissionChange::Start => self.goal_watch = GoalWatch::default(),
+                MissionChange::Goal(set_point) => self.set_goal(set_point),
+                MissionChange::Tolerance(px) => self.goal.tolerance_px = px,
+                MissionChange::Hold(hold) => self.goal.hold = hold,
+            }
+        }
+    }
+
+    /// The goal is another one from now on, and rests.
+    pub(super) fn set_goal(&mut self, set_point: SetPoint) {
+        self.plan.path = None;
+        (self.goal.set_point, self.goal.id) = (set_point, self.goal.id.saturating_add(1));
+        self.goal_watch = GoalWatch::default();
+        self.residual.begin_anew();
+    }
+
+    /// For how long the goal has been reached and held, s; NaN where it is not.
+    #[must_use]
+    pub fn at_goal_s(&self) -> f64 {
+        self.goal_watch.at_goal_s(self.last)
+    }
+
+    fn goal_of(&self, form: CommandForm, command: &ControlCommand) -> Result<SetPoint, Refusal> {
+        let before = &self.goal.set_point;
+        let numbers = numbers(command)?;
+        let goal = match form {
+            CommandForm::Features => {
+                let ids = command.ids.get(..numbers.len() / 2).unwrap_or_default();
+                if ids != before.ids() || numbers.len() != 2 * before.points().len() {
+                    return Err(Refusal::OtherPoints);
+                }
+                if !numbers.iter().all(|x| FEATURES.contains(x)) {
+                    return Err(Refusal::WrongNumbers);
+                }
+                let s_d: Vec<_> = numbers.chunks_exact(2).map(Vector2::from_column_slice).collect();
+                let depths_m = before.depths_m();
+                let z_d_m = depths_m.iter().sum::<f64>() / depths_m.len() as f64;
+                let found =
+                    SetPoint::from_features(&s_d, before.points(), z_d_m).ok_or(Refusal::OutOfView)?;
+                let near = before.X_DO().filter(|_| found.X_DO().is_none());
+                near.and_then(|X_DO| found.posed_near(X_DO)).unwrap_or(found)
+            }
+            CommandForm::Pose => {
+                let X_DO = pose_of(numbers)?;
+                SetPoint::from_pose(&X_DO, before.points()).ok_or(Refusal::OutOfView)?
+            }
+            _ => return Err(Refusal::WrongNumbers),
+        };
+        let goal = goal.with_ids(before.ids()).and_then(|goal| goal.with_selection(*before.selection()));
+        goal.filter(|goal| self.is_in_view(goal)).ok_or(Refusal::OutOfView)
+    }
+
+    /// Whether enough of the target is in the image at `goal`.
+    fn is_in_view(&self, goal: &SetPoint) -> bool {
+        let Some(cell) = &self.cell else { return true };
+        let places = goal.features().iter().zip(goal.depths_m());
+        let seen = places.filter(|(s, z)| {
+            let px = cell.camera.project(&Point3::new(s.x * **z, s.y * **z, **z));
+            px.is_some_and(|px| cell.camera.contains(&px, 0.0))
+        });
+        seen.count() >= goal.features().len().min(POINTS_IN_VIEW)
+    }
+
+    /// The posture, where the arm can be there.
+    fn posture(&self, q: &SVector<f64, N>) -> Result<SVector<f64, N>, Refusal> {
+        let cell = self.cell.as_ref().filter(|_| self.plan.closed_loop).ok_or(Refusal::NoArm)?;
+        if cell.robot.outside_limits(q).is_none() { Ok(*q) } else { Err(Refusal::OutOfRange) }
+    }
+
+    /// The posture to which a jog leads from where the arm is.
+    fn jogged(&self, form: CommandForm, command: &ControlCommand) -> Result<SVector<f64, N>, Refusal> {
+        let q: SVector<f64, N> = vector(&self.joint_state.q);
+        let cell = self.cell.as_ref().ok_or(Refusal::NoArm)?;
+        match form {
+            CommandForm::Joints => {
+                let dq = joints::<N>(command)?;
+                let longest = |i| if cell.robot.is_prismatic(i) { JOG_M } else { JOG_RAD };
+                let is_short = (0..N).all(|i| dq[i].abs() <= longest(i));
+                if is_short { self.posture(&(q + dq)) } else { Err(Refusal::TooFar) }
+            }
+            CommandForm::CameraMotion => {
+                let &[x, y, z, rx, ry, rz] = numbers(command)? else { return Err(Refusal::WrongNumbers) };
+                let (p, r) = (Vector3::new(x, y, z), Vector3::new(rx, ry, rz));
+                if p.norm() > JOG_M || r.norm() > JOG_RAD {
+                    return Err(Refusal::TooFar);
+                }
+                let search = PostureSearch { robot: &cell.robot, mount: &cell.mount };
+                let by = Pose::from_parts(p.into(), UnitQuaternion::from_scaled_axis(r));
+                let X_WD = search.X_WC(&q) * by;
+                let found = search.towards(&q, &X_WD);
+                let off = search.X_WC(&found).inv_mul(&X_WD);
+                let angle = rotation_angle(&off.rotation.to_rotation_matrix());
+                if off.translation.vector.norm().max(angle) > JOG_REACHED {
+                    return Err(Refusal::OutOfReach);
+                }
+                self.posture(&found)
+            }
+            _ => Err(Refusal::WrongNumbers),
+        }
+    }
+
+    #[allow(clippy::type_complexity)] // of this module alone
+    fn setting(
+        &self,
+        form: CommandForm,
+        command: &ControlCommand,
+    ) -> Result<(Option<MissionChange>, Option<ControlOrder<N>>), Refusal> {
+        let &[x] = numbers(command)? else { return Err(Refusal::WrongNumbers) };
+        let within = |range: RangeInclusive<f64>| {
+            if range.contains(&x) { Ok(x) } else { Err(Refusal::WrongNumbers) }
+        };
+        Ok(match form {
+            CommandForm::Gain => {
+                let follows_law = !matches!(self.task, RunTask::LookAndMove(_));
+                if !(follows_law && self.plan.law.has_one_gain()) {
+                    return Err(Refusal::NoGain);
+                }
+                (None, Some(ControlOrder::Gain(within(GAIN_1_S)?)))
+            }
+            CommandForm::Tolerance => (Some(MissionChange::Tolerance(within(TOLERANCE_PX)?)), None),
+            CommandForm::Hold => (Some(MissionChange::Hold(SpanNs::from_s(within(HOLD_S)?))), None),
+            _ => return Err(Refusal::WrongNumbers),
+        })
+    }
+}
+
+fn numbers(command: &ControlCommand) -> Result<&[f64], Refusal> {
+    let numbers = command.numbers();
+    let is_good = !numbers.is_empty() && numbers.iter().all(|x| x.is_finite());
+    if is_good { Ok(numbers) } else { Err(Refusal::WrongNumbers) }
+}
+
+fn joints<const N: usize>(command: &ControlCommand) -> Result<SVector<f64, N>, Refusal> {
+    let numbers = numbers(command)?;
+    if numbers.len() == N { Ok(SVector::from_column_slice(numbers)) } else { Err(Refusal::WrongNumbers) }
+}
+
+/// The pose of position and quaternion x, y, z, w.
+fn pose_of(numbers: &[f64]) -> Result<Pose, Refusal> {
+    let &[px, py, pz, x, y, z, w] = numbers else { return Err(Refusal::WrongNumbers) };
+    let q = Quaternion::new(w, x, y, z);
+    let is_good = (q.norm() - 1.0).abs() <= NORM_ERROR && [px, py, pz].iter().all(|x| POSITION_M.contains(x));
+    let pose = Pose::from_parts(Translation3::new(px, py, pz), UnitQuaternion::from_quaternion(q));
+    if is_good { Ok(pose) } else { Err(Refusal::WrongNumbers) }
+}

@@ -1,0 +1,161 @@
+//! `vservo do`, and the client of the library: whole tasks of a running instance.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // helpers of tests are tests
+
+use crate::common::{Lines, vservo, wait_until};
+use crate::serve::Daemon;
+use std::process::{Child, Command, Stdio};
+use vservo::client::Client;
+
+#[allow(missing_docs, unreachable_pub)] // it is a program of its own
+#[path = "../../examples/pick_and_place.rs"]
+mod pick_and_place;
+
+fn command(daemon: &Daemon, program: &str) -> Command {
+    let mut command = vservo();
+    command.args(["do", program, "--instance", &daemon.instance.name]);
+    command
+}
+
+/// `vservo do` to its end: exit code, stdout and stderr.
+fn done(daemon: &Daemon, program: &str) -> (Option<i32>, String, String) {
+    let output = command(daemon, program).output().unwrap();
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    assert!(!text(&output.stderr).contains("panicked"), "{}", text(&output.stderr));
+    (output.status.code(), text(&output.stdout), text(&output.stderr))
+}
+
+fn begun(daemon: &Daemon, program: &str) -> (Child, Lines) {
+    let mut child = command(daemon, program).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+    let lines = Lines::of(&mut child);
+    (child, lines)
+}
+
+/// Writes a program and gives its path.
+fn written(folder: &tempfile::TempDir, text: &str) -> String {
+    let path = folder.path().join("program.toml");
+    std::fs::write(&path, text).unwrap();
+    path.to_str().unwrap().to_owned()
+}
+
+const SHIPPED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/config/programs/pick-and-place.toml");
+
+#[test]
+fn the_shipped_program_is_done_to_its_end() {
+    let daemon = Daemon::start("do-shipped", &["--clock", "lockstep"]);
+    let (code, printed, told) = done(&daemon, SHIPPED);
+    assert_eq!(code, Some(0), "{told}");
+    assert_eq!(printed, "gripper: close\ngripper: open\n".repeat(2), "{told}");
+    for line in [
+        "steps[0]: goto home",
+        "steps[1]: round 2 of 2",
+        "steps[1].steps[2]: servo place",
+        "done at steps[2]",
+    ] {
+        assert!(told.contains(line), "{line}: {told}");
+    }
+    let (_, status, _) = daemon.ctl("status");
+    assert_eq!(status["state"], "held");
+    let q: Vec<f64> = status["q_rad_or_m"].as_array().unwrap().iter().map(|q| q.as_f64().unwrap()).collect();
+    assert!(q.iter().zip([0.1, 1.5, 0.45, -0.7]).all(|(q, home)| (q - home).abs() < 1e-3), "{q:?}");
+    // Two goals of the program were set twice.
+    assert_eq!(status["goal"], 4);
+    daemon.accepts("shutdown");
+    assert_eq!(daemon.ended().0, Some(0));
+}
+
+#[test]
+fn what_is_wrong_is_told_before_anything_moves() {
+    let folder = tempfile::tempdir().unwrap();
+    let daemon = Daemon::start("do-wrong", &["--clock", "lockstep"]);
+    let before = daemon.ctl("status").1["q_rad_or_m"].clone();
+    let good = "[postures.home]\nq_rad_or_m = [0.1, 1.5, 0.45, -0.7]\n[[steps]]\ngoto = \"home\"\n";
+    for (text, told_is, code) in [
+        ("[[steps]]\nservo = \"pick\"\n".to_owned(), "program.toml:", 3),
+        ("[[steps]]\nservo = \"pick\"\n".to_owned(), "steps[1].servo: `pick` is not in [goals]", 3),
+        ("[[steps]]\ncall = [\"./gripper\"]\n".to_owned(), "there is no program `./gripper`", 3),
+        (
+            "[postures.short]\nq_rad_or_m = [0.1]\n[[steps]]\ngoto = \"short\"\n".to_owned(),
+            "`short` has 1 joints, the arm 4",
+            2,
+        ),
+    ] {
+        let (exit_code, _, told) = done(&daemon, &written(&folder, &format!("{good}{text}")));
+        assert_eq!(exit_code, Some(code), "{told}");
+        assert!(told.contains(told_is), "{told_is}: {told}");
+    }
+    let (_, after, _) = daemon.ctl("status");
+    assert_eq!((&after["q_rad_or_m"], &after["state"]), (&before, &"idle".into()), "nothing has moved");
+    daemon.accepts("shutdown");
+    assert_eq!(daemon.ended().0, Some(0));
+}
+
+#[test]
+fn a_program_ends_where_a_step_fails_or_somebody_stops_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let daemon = Daemon::start("do-fails", &["--clock", "lockstep"]);
+    // A command that says no.
+    let text = "[[steps]]\nservo = \"present\"\ntimeout_s = 60\n[[steps]]\ncall = [\"false\"]\n\
+                [[steps]]\ncall = [\"echo\", \"never\"]\n[[on_fault]]\ncall = [\"echo\", \"sorry\"]\n";
+    let (code, printed, told) = done(&daemon, &written(&folder, text));
+    assert_eq!((code, printed.as_str()), (Some(5), "sorry\n"), "{told}");
+    assert!(told.contains("failed at steps[1]: `false` ended with exit status: 1"), "{told}");
+    // What takes too long; without on_fault the arm holds.
+    let text = "[[steps]]\nservo = \"present\"\ntimeout_s = 60\n[[steps]]\ncall = [\"sleep\", \"1000\"]\ntimeout_s = 0.3\n";
+    let (code, _, told) = done(&daemon, &written(&folder, text));
+    assert_eq!(code, Some(5), "{told}");
+    assert!(told.contains("failed at steps[1]: its time is over"), "{told}");
+    daemon.wait_for("held");
+
+    // Somebody stops the arm: the program ends, and does not start it again.
+    let text = "[[steps]]\nrepeat = 1000\nsteps = [{ servo = \"present\" }, { wait_s = 0.2 }]\n";
+    let program = written(&folder, text);
+    let (mut child, mut lines) = begun(&daemon, &program);
+    lines.wait_for("round 3 of 1000");
+    daemon.accepts("stop");
+    let line = lines.wait_for("stopped at");
+    assert!(line.contains("by somebody else"), "{line}");
+    assert_eq!(child.wait().unwrap().code(), Some(6));
+    daemon.wait_for("idle");
+
+    // Ctrl-C ends the program and holds the arm.
+    let (mut child, mut lines) = begun(&daemon, &program);
+    lines.wait_for("round 2 of 1000");
+    crate::common::kill(child.id() as i32, "INT");
+    lines.wait_for("stopped at");
+    assert_eq!(child.wait().unwrap().code(), Some(6));
+    daemon.wait_for("held");
+    daemon.accepts("shutdown");
+    assert_eq!(daemon.ended().0, Some(0));
+}
+
+#[test]
+fn a_fault_leads_to_what_the_program_has_for_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/config/pan_tilt.toml");
+    let set = ["--set", "scene.arm.friction_scale=6.0", "--set", "safety.max_tracking_error_rad_or_m=0.0002"];
+    let daemon = Daemon::start("do-fault", &[&[file, "--clock", "lockstep"], &set[..]].concat());
+    let text = "[[steps]]\nservo = \"present\"\n[[on_fault]]\nreset = true\n";
+    let (code, _, told) = done(&daemon, &written(&folder, text));
+    assert_eq!(code, Some(4), "{told}");
+    assert!(told.contains("fault at steps[0]") && told.contains("max_tracking_error"), "{told}");
+    wait_until("the fault to be cleared", || daemon.state() == "idle");
+    daemon.accepts("shutdown");
+    assert_eq!(daemon.ended().0, Some(0));
+}
+
+/// The example of the library, in this process.
+#[test]
+fn a_client_of_the_library_picks_and_places() {
+    let daemon = Daemon::start("client-pick", &["--clock", "lockstep"]);
+    let cell = Client::connect(&daemon.instance.name).unwrap();
+    let mut gripped = Vec::new();
+    pick_and_place::pick_and_place(&cell, &mut |what| gripped.push(what.to_owned())).unwrap();
+    assert_eq!(gripped, ["close", "open"]);
+    assert_eq!(cell.status().unwrap().goal, Some(2));
+    let refused = cell.goto(&[0.0]).unwrap();
+    assert!(!refused.accepted && refused.reason.unwrap().contains("one for each joint"), "{refused:?}");
+    assert!(Client::connect("no-such-run").is_err());
+    cell.shutdown().unwrap();
+    assert_eq!(daemon.ended().0, Some(0));
+}

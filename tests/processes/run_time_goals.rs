@@ -1,0 +1,209 @@
+//! Requests that carry numbers, to a run that goes on: goals, taught goals, postures, small motions, settings.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // helpers of tests are tests
+
+use crate::common::{vservo, wait_until};
+use crate::serve::Daemon;
+use serde_json::Value;
+
+/// `vservo ctl ARGUMENTS`: exit code, answer, what was told on stderr.
+fn ctl(daemon: &Daemon, arguments: &[&str]) -> (Option<i32>, Value, String) {
+    let output = vservo()
+        .args(["ctl", "--json", "--instance", &daemon.instance.name])
+        .args(arguments)
+        .output()
+        .unwrap();
+    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(!told.contains("panicked"), "{told}");
+    (output.status.code(), serde_json::from_slice(&output.stdout).unwrap_or(Value::Null), told)
+}
+
+#[track_caller]
+fn accepts(daemon: &Daemon, arguments: &[&str]) -> Value {
+    let (code, answer, told) = ctl(daemon, arguments);
+    assert_eq!(code, Some(0), "{arguments:?}: {answer} {told}");
+    answer
+}
+
+#[track_caller]
+fn refuses(daemon: &Daemon, arguments: &[&str], why: &str) {
+    let (code, answer, told) = ctl(daemon, arguments);
+    assert_eq!(code, Some(5), "{arguments:?}: {answer} {told}");
+    assert!(told.contains(why), "{arguments:?}: {told}");
+}
+
+fn numbers(answer: &Value, key: &str) -> Vec<f64> {
+    answer[key].as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect()
+}
+
+fn posture(daemon: &Daemon) -> Vec<f64> {
+    numbers(&accepts(daemon, &["status"]), "q_rad_or_m")
+}
+
+fn farthest(a: &[f64], b: &[f64]) -> f64 {
+    assert_eq!(a.len(), b.len());
+    a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+}
+
+fn converges(daemon: &Daemon) -> Value {
+    let end = accepts(daemon, &["wait", "converged", "--timeout-s", "120"]);
+    end["status"].clone()
+}
+
+#[test]
+fn another_goal_is_reached_while_the_run_goes_on() {
+    let daemon = Daemon::start("rt-goal", &["--clock", "lockstep"]);
+    accepts(&daemon, &["start"]);
+    let first = converges(&daemon);
+    let there = ["--position-m", "-0.04,0.03,0.55", "--rotation-rpy-deg", "0,0,-20"];
+    let answer = accepts(&daemon, &[&["goal"], &there[..]].concat());
+    assert_eq!((&answer["goal"], &answer["at_goal"]), (&1.into(), &false.into()), "{answer}");
+    let second = converges(&daemon);
+    assert_eq!(second["goal"], 1);
+    assert!(
+        farthest(&numbers(&first, "q_rad_or_m"), &numbers(&second, "q_rad_or_m")) > 0.05,
+        "{first} {second}"
+    );
+    // Against simulated truth, so that it is the goal that was asked for.
+    assert!(second["position_error_m"].as_f64().unwrap() < 0.5e-3, "{second}");
+    assert!(second["orientation_error_rad"].as_f64().unwrap().to_degrees() < 0.1, "{second}");
+    // The same as a quaternion is no other goal.
+    let half = (-10.0_f64).to_radians();
+    let xyzw = format!("0,0,{},{}", half.sin(), half.cos());
+    accepts(&daemon, &["goal", "--position-m", "-0.04,0.03,0.55", "--rotation-xyzw", &xyzw]);
+    wait_until("the error to that goal", || {
+        let status = accepts(&daemon, &["status"]);
+        status["goal"] == 2 && status["position_error_m"].as_f64().is_some_and(|m| m < 0.5e-3)
+    });
+
+    refuses(&daemon, &["goal", "--position-m", "0,0,-0.5"], "would not be in the image");
+    refuses(&daemon, &["goal", "--position-m", "2,0,0.5"], "would not be in the image");
+    refuses(
+        &daemon,
+        &["goal", "--position-m", "0,0,0.5", "--rotation-xyzw", "0,0,0,1.2"],
+        "its numbers are none",
+    );
+    assert_eq!(accepts(&daemon, &["status"])["goal"], 2, "what is refused changes nothing");
+    accepts(&daemon, &["shutdown"]);
+    assert_eq!(daemon.ended().0, Some(0));
+}
+
+#[test]
+fn a_goal_is_taught_on_the_way_and_taken_up_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("taught.toml");
+    let file = path.to_str().unwrap();
+    let daemon = Daemon::start("rt-teach", &["--clock", "lockstep"]);
+    let start = posture(&daemon);
+    accepts(&daemon, &["start"]);
+    daemon.wait_for("servoing");
+    wait_until("the arm to be on its way", || farthest(&posture(&daemon), &start) > 0.02);
+    accepts(&daemon, &["teach", "--save", file, "--timeout-s", "120"]);
+    let held = posture(&daemon);
+    let written: toml::Table = std::fs::read_to_string(&path).unwrap().parse().unwrap();
+    assert_eq!(written["target"].as_str(), Some("four_dots"));
+    let q: Vec<f64> =
+        written["q_rad_or_m"].as_array().unwrap().iter().map(|q| q.as_float().unwrap()).collect();
+    assert!(farthest(&q, &held) < 1e-3, "{q:?} {held:?}");
+
+    // Away, and back by the view alone.
+    accepts(&daemon, &["goal", "--position-m", "-0.04,0.03,0.55"]);
+    accepts(&daemon, &["start"]);
+    converges(&daemon);
+    assert!(farthest(&posture(&daemon), &held) > 0.05);
+    accepts(&daemon, &["goal", file]);
+    let status = converges(&daemon);
+    assert!(farthest(&numbers(&status, "q_rad_or_m"), &held) < 2e-3, "{status} {held:?}");
+    // Away, and back by the posture alone.
+    accepts(&daemon, &["goal", "--position-m", "-0.04,0.03,0.55"]);
+    converges(&daemon);
+    accepts(&daemon, &["goto", file]);
+    accepts(&daemon, &["wait", "state=held", "--timeout-s", "120"]);
+    assert!(farthest(&posture(&daemon), &held) < 1e-3);
+
+    let other = folder.path().join("other.toml");
+    std::fs::write(&other, written.to_string().replace("four_dots", "chessboard")).unwrap();
+    let (code, _, told) = ctl(&daemon, &["goal", other.to_str().unwrap()]);
+    assert_eq!(code, Some(2), "{told}");
+    assert!(told.contains("target.kind of the run is \"four_dots\""), "{told}");
+    accepts(&daemon, &["shutdown"]);
+    assert_eq!(daemon.ended().0, Some(0));
+}
+
+#[test]
+fn an_arm_goes_where_it_is_sent_and_no_farther_than_it_may() {
+    let daemon = Daemon::start("rt-goto", &["--clock", "lockstep"]);
+    let start = posture(&daemon);
+    let there: Vec<f64> = start.iter().zip([0.3, -0.2, 0.1, 0.4]).map(|(q, d)| q + d).collect();
+    let text = there.iter().map(f64::to_string).collect::<Vec<_>>().join(",");
+    accepts(&daemon, &["goto", "--q", &text]);
+    accepts(&daemon, &["wait", "state=held", "--timeout-s", "120"]);
+    assert!(farthest(&posture(&daemon), &there) < 1e-3, "{:?} {there:?}", posture(&daemon));
+
+    accepts(&daemon, &["jog", "--q", "-0.1,0,0.02,0"]);
+    accepts(&daemon, &["wait", "state=held", "--timeout-s", "120"]);
+    let jogged = posture(&daemon);
+    let wanted = [there[0] - 0.1, there[1], there[2] + 0.02, there[3]];
+    assert!(farthest(&jogged, &wanted) < 1e-3, "{jogged:?} {wanted:?}");
+    // Along the axis of the camera of a SCARA, which the third joint alone moves.
+    accepts(&daemon, &["jog", "--position-m", "0,0,0.03"]);
+    accepts(&daemon, &["wait", "state=held", "--timeout-s", "120"]);
+    let lowered = posture(&daemon);
+    assert!(
+        (lowered[2] - jogged[2]).abs() > 0.0299 && (lowered[2] - jogged[2]).abs() < 0.0301,
+        "{lowered:?}"
+    );
+    assert!(farthest(&[lowered[0], lowered[1], lowered[3]], &[jogged[0], jogged[1], jogged[3]]) < 1e-3);
+
+    refuses(&daemon, &["goto", "--q", "0,0,0"], "one for each joint");
+    refuses(&daemon, &["goto", "--q", "100,0,0,0"], "leave its range");
+    refuses(&daemon, &["jog", "--q", "0.5,0,0,0"], "at most");
+    refuses(&daemon, &["jog", "--q", "0,0,0.1,0"], "at most");
+    refuses(&daemon, &["jog", "--rotation-rpy-deg", "5,0,0"], "no posture of this arm");
+    refuses(&daemon, &["goto", "--q", "nan,0,0,0"], "finite");
+
+    // From the way: a stop ends it, a hold holds it, another posture takes its place.
+    let home = start.iter().map(f64::to_string).collect::<Vec<_>>().join(",");
+    accepts(&daemon, &["goto", "--q", &home]);
+    daemon.refuses("start", "still moves");
+    accepts(&daemon, &["stop"]);
+    daemon.wait_for("idle");
+    assert!(farthest(&posture(&daemon), &start) > 1e-3);
+    accepts(&daemon, &["goto", "--q", &text]);
+    accepts(&daemon, &["goto", "--q", &home]);
+    accepts(&daemon, &["wait", "state=held", "--timeout-s", "120"]);
+    assert!(farthest(&posture(&daemon), &start) < 1e-3);
+    accepts(&daemon, &["start"]);
+    converges(&daemon);
+    accepts(&daemon, &["shutdown"]);
+    let (code, printed) = daemon.ended();
+    assert_eq!(code, Some(0), "{printed}");
+    assert!(printed.contains("the posture that was asked for is reached"), "{printed}");
+}
+
+#[test]
+fn what_may_change_in_a_running_loop_is_set_within_its_bounds() {
+    let daemon = Daemon::start("rt-set", &["--clock", "lockstep", "--set", "goal.feature_error_px=0.000001"]);
+    accepts(&daemon, &["start"]);
+    daemon.wait_for("servoing");
+    let (code, _, told) = ctl(&daemon, &["wait", "converged", "--timeout-s", "0.5"]);
+    assert_eq!(code, Some(5), "no arm is as near as that: {told}");
+    accepts(&daemon, &["set", "tolerance", "0.1"]);
+    accepts(&daemon, &["set", "hold", "1"]);
+    assert!(converges(&daemon)["at_goal_s"].as_f64().unwrap() >= 1.0);
+    accepts(&daemon, &["set", "gain", "4"]);
+    for (what, value) in
+        [("gain", "0"), ("gain", "1000"), ("tolerance", "-1"), ("hold", "100"), ("hold", "nan")]
+    {
+        refuses(&daemon, &["set", what, value], "within the bounds");
+    }
+    assert_eq!(ctl(&daemon, &["set", "mass", "1"]).0, Some(2));
+    accepts(&daemon, &["shutdown"]);
+    assert_eq!(daemon.ended().0, Some(0));
+
+    let torque = concat!(env!("CARGO_MANIFEST_DIR"), "/config/scara-a.toml");
+    let daemon = Daemon::start("rt-set-torque", &[torque, "--clock", "lockstep"]);
+    refuses(&daemon, &["set", "gain", "4"], "no single gain");
+    accepts(&daemon, &["shutdown"]);
+    assert_eq!(daemon.ended().0, Some(0));
+}
