@@ -272,7 +272,7 @@ fn elastic_joints_sag_under_gravity_and_stiff_ones_are_rigid() {
     let mut soft = SimulatedDrive::new(robot.clone(), posture(), settings(Some(3e-3))).unwrap();
     let state = soft.read(at(0));
     let (q, _) = state.truth.unwrap();
-    assert_eq!(state.q, posture(), "encoders are on the motors");
+    assert_eq!(state.q, posture::<6>(), "encoders are on the motors");
     let stiffness = SVector::<f64, 6>::from_fn(|i, _| robot.limits()[i].effort / 3e-3);
     let carried = stiffness.component_mul(&(state.q - q));
     assert!((carried - robot.gravity(&q)).amax() < 1e-9 && (state.q - q).amax() > 1e-4, "{carried}");
