@@ -6,7 +6,8 @@ use crate::control::control_loop::{ControlLoop, LoopSettings};
 use crate::control::controller::{Controller, ControllerSettings};
 use crate::control::safety::MeasurementWatch;
 use crate::drive::{
-    CommandMode, Drive, EncoderModel, IdealDrive, SimulatedDrive, SimulatedDriveSettings, StandstillDrive,
+    CommandMode, Drive, EncoderModel, IdealDrive, ShakingBase, SimulatedDrive, SimulatedDriveSettings,
+    StandstillDrive, TorqueRipple,
 };
 use crate::imaging::ImageSizeError;
 use crate::linalg::Random;
@@ -236,6 +237,9 @@ pub fn simulated_settings<const N: usize>(
         friction: arm.friction,
         hard_friction: arm.hard_friction,
         rotor_inertia,
+        wind_up: arm.wind_up,
+        ripple: arm.ripple.map(|ripple| TorqueRipple { seed: config.seed, ..ripple }),
+        base: arm.base.map(|base| ShakingBase { seed: config.seed, ..base }),
         effort_limits: arm.effort_limits,
         command_delay_ticks: arm.command_delay_ticks,
         arm: truth.map(|robot| {

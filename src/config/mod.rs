@@ -50,7 +50,7 @@ pub use v4l2::{ControlValue, PixelFormatName, Shutter, V4l2Settings};
 pub use wait_for::WaitFor;
 
 use crate::control::safety::ContactReaction;
-use crate::drive::{CommandMode, HardFriction, InnerServo, Payload, Surroundings};
+use crate::drive::{CommandMode, HardFriction, InnerServo, Payload, ShakingBase, Surroundings, TorqueRipple};
 use crate::robot::RobotDescription;
 use crate::servo::{ServoSettings, SetPoint};
 use crate::target::Target;
@@ -193,6 +193,12 @@ pub struct SimulatedArm {
     pub friction_spread: f64,
     /// Inertia of rotors that is not in the robot file, as a share of the joints' own.
     pub untold_rotor_share: f64,
+    /// By how much joints yield to their largest efforts, rad or m; `None`: they are rigid.
+    pub wind_up: Option<f64>,
+    /// Ripple of the motors' torques, its seed left out.
+    pub ripple: Option<TorqueRipple>,
+    /// Motion of the base, its seed left out.
+    pub base: Option<ShakingBase>,
     /// Whether effort limits act.
     pub effort_limits: bool,
     /// Delay of commands, ticks.

@@ -264,6 +264,16 @@ table! {
         friction_spread: f64 = 0.0,
         /// Inertia of rotors beyond that of the robot file, as a share of each joint's inertia about its axis at the start.
         untold_rotor_share: f64 = 0.0,
+        /// Angle or way by which each joint yields to its largest effort, rad or m; 0: the joints are rigid.
+        joint_wind_up_rad_or_m: f64 = 0.0,
+        /// Amplitude of the ripple of the motors' torques, as a share of each joint's effort limit.
+        torque_ripple_share: f64 = 0.0,
+        /// Its periods in a radian or metre of the joint.
+        torque_ripples_per_rad_or_m: f64 = 30.0,
+        /// Amplitude of the acceleration of the base, with target and camera on it, along the axes of B, m/s^2.
+        base_acceleration_m_s2: [f64; 3] = [0.0; 3],
+        /// Its frequency, Hz.
+        base_frequency_hz: f64 = 5.0,
         /// Whether torques are cut at the effort limits of the robot file.
         effort_limits: bool = true,
         /// Ticks from the writing of a command to its effect, beside the one in which it is computed.
@@ -311,7 +321,7 @@ table! {
     RawPush {
         /// In the frame of the base, N.
         force_n: [f64; 3] = [0.0; 3],
-        /// When it begins, s after the brakes opened.
+        /// When it begins, s after the start.
         from_s: f64 = 0.5,
         /// When it ends.
         until_s: f64 = 1.0,
@@ -323,7 +333,7 @@ table! {
     RawJam {
         /// Which one, from 0.
         joint: u32 = 0,
-        /// When, s after the brakes opened.
+        /// When, s after the start.
         from_s: f64 = 0.5,
     }
 }

@@ -28,7 +28,7 @@ pub struct HardFriction {
 
 impl HardFriction {
     /// Of Coulomb friction, the share that acts at the speed `v`, rad/s or m/s.
-    fn level(&self, v: f64) -> f64 {
+    pub(super) fn level(&self, v: f64) -> f64 {
         1.0 + (self.static_ratio - 1.0) * (-(v / self.stribeck_speed).powi(2)).exp()
     }
 

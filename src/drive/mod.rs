@@ -12,6 +12,8 @@
 //! | [`StandstillDrive`] | everything | no arm, or one that does not move: replayed images |
 
 mod delay;
+mod disturbances;
+mod elastic_joints;
 mod encoder;
 mod external;
 mod friction;
@@ -24,6 +26,7 @@ mod standstill;
 mod surroundings;
 
 pub use delay::MAX_DELAY;
+pub use disturbances::{ShakingBase, TorqueRipple};
 pub use encoder::EncoderModel;
 pub use external::{DriveLink, ExternalDrive};
 pub use hard_friction::HardFriction;

@@ -9,12 +9,15 @@
 //! Until the first command arrives the arm is held by its brakes and does not move.
 
 use super::delay::{Delay, MAX_DELAY};
+use super::elastic_joints::ElasticJoints;
 use super::encoder::Encoder;
 use super::friction::{after_friction, has_friction};
 use super::hard_friction::HardFriction;
 use super::inner_servo::VelocityLoop;
 use super::surroundings::Surroundings;
-use super::{CommandMode, Drive, DriveCommand, DriveState, EncoderModel, InnerServo};
+use super::{
+    CommandMode, Drive, DriveCommand, DriveState, EncoderModel, InnerServo, ShakingBase, TorqueRipple,
+};
 use crate::robot::Robot;
 use crate::time::MonoNs;
 use nalgebra::{SVector, Vector3};
@@ -56,6 +59,12 @@ pub struct SimulatedDriveSettings<const N: usize> {
     pub hard_friction: Option<HardFriction>,
     /// Inertia of the rotors beyond that of the arm's file, as the joints feel it, kg m^2 or kg.
     pub rotor_inertia: SVector<f64, N>,
+    /// By how much joints yield to their largest efforts, rad or m; `None`: they are rigid. The encoders are on the motors.
+    pub wind_up: Option<f64>,
+    /// Ripple of the motors' torques.
+    pub ripple: Option<TorqueRipple>,
+    /// Motion of the base.
+    pub base: Option<ShakingBase>,
     /// Whether torques are cut at the effort limits.
     pub effort_limits: bool,
     /// Commands between the one that is written and the one that acts.
@@ -83,6 +92,9 @@ impl<const N: usize> Default for SimulatedDriveSettings<N> {
             friction: true,
             hard_friction: None,
             rotor_inertia: SVector::zeros(),
+            wind_up: None,
+            ripple: None,
+            base: None,
             effort_limits: true,
             command_delay_ticks: 0,
             arm: None,
@@ -111,12 +123,16 @@ pub struct SimulatedDrive<const N: usize> {
     mode: CommandMode,
     friction: bool,
     hard_friction: Option<HardFriction>,
+    elastic: Option<Box<ElasticJoints<N>>>,
+    ripple: Option<TorqueRipple>,
+    base: Option<ShakingBase>,
+    /// Gravity of the arm on a base at rest, m/s^2 in B, and the time since the start, s.
+    gravity_B: Vector3<f64>,
+    elapsed_s: f64,
     effort_limits: bool,
     commands: Delay<N>,
     servo: VelocityLoop<N>,
     surroundings: Surroundings,
-    /// Time since the brakes opened, s.
-    moved_s: f64,
     encoder: Encoder<N>,
 }
 
@@ -138,22 +154,37 @@ impl<const N: usize> SimulatedDrive<N> {
         }
         let payload = settings.payload;
         let arm = settings.arm.unwrap_or_else(|| robot.clone());
+        let q_true = q + settings.q_offset;
+        let true_arm =
+            arm.with_payload(payload.mass_kg, &payload.com_E).with_armature(&settings.rotor_inertia);
+        let friction = settings.friction && has_friction(&true_arm);
+        let (elastic, true_arm, q_true) = match settings.wind_up {
+            None => (None, true_arm, q_true),
+            Some(wind_up) => {
+                let (joints, links, hangs) = ElasticJoints::new(&true_arm, &q_true, wind_up);
+                (Some(Box::new(joints)), links, hangs)
+            }
+        };
         Ok(Self {
-            q: q + settings.q_offset,
+            q: q_true,
+            elastic,
+            ripple: settings.ripple,
+            base: settings.base,
+            gravity_B: true_arm.gravity_vector(),
+            elapsed_s: 0.0,
             q_offset: settings.q_offset,
             qd: SVector::zeros(),
             time: None,
             step_ns: (LONGEST_STEP_NS / i64::from(settings.substeps)).max(1),
             mode: settings.mode,
-            friction: settings.friction && has_friction(&arm),
+            friction,
             hard_friction: settings.hard_friction,
-            robot: arm.with_payload(payload.mass_kg, &payload.com_E).with_armature(&settings.rotor_inertia),
+            robot: true_arm,
             nominal: robot,
             effort_limits: settings.effort_limits,
             commands: Delay::new(settings.command_delay_ticks),
             servo: VelocityLoop::new(settings.servo),
             surroundings: settings.surroundings,
-            moved_s: 0.0,
             encoder: Encoder::new(settings.encoder),
         })
     }
@@ -161,7 +192,11 @@ impl<const N: usize> SimulatedDrive<N> {
     /// The same arm moving with `qd`, rad/s or m/s.
     #[must_use]
     pub fn with_velocity(self, qd: SVector<f64, N>) -> Self {
-        Self { qd, ..self }
+        let mut drive = Self { qd, ..self };
+        if let Some(joints) = &mut drive.elastic {
+            joints.theta_d = qd;
+        }
+        drive
     }
 
     /// Kinetic and potential energy, J.
@@ -173,23 +208,45 @@ impl<const N: usize> SimulatedDrive<N> {
     /// The torque that acts for the next `h` seconds; `None` while the brakes hold.
     fn torque(&mut self, h: f64) -> Option<SVector<f64, N>> {
         let command = self.commands.arrived()?;
-        let read = self.q - self.q_offset;
-        let mut tau = self.servo.torque(&self.nominal, self.mode, command, (&read, &self.qd), h);
+        let (q, qd) = self.motors();
+        let read = q - self.q_offset;
+        let mut tau = self.servo.torque(&self.nominal, self.mode, command, (&read, &qd), h);
         if self.effort_limits {
             for (tau, limit) in tau.iter_mut().zip(self.robot.limits()) {
                 *tau = tau.clamp(-limit.effort, limit.effort);
             }
         }
+        if let Some(ripple) = &self.ripple {
+            tau += ripple.torque(&q, |i| self.robot.limits()[i].effort);
+        }
         Some(tau)
     }
 
+    /// Where the motors are, and how fast: what encoders read.
+    fn motors(&self) -> (SVector<f64, N>, SVector<f64, N>) {
+        self.elastic.as_ref().map_or((self.q, self.qd), |elastic| (elastic.theta, elastic.theta_d))
+    }
+
     fn integrate(&mut self, h: f64) {
-        let Some(mut tau) = self.torque(h) else { return };
-        self.surroundings.jam(&mut self.robot, &mut self.qd, self.moved_s);
-        if self.surroundings.is_felt() {
-            tau += self.surroundings.torque(&self.robot, (&self.q, &self.qd), self.moved_s);
+        let Some(tau) = self.torque(h) else { return };
+        if let Some(base) = &self.base {
+            // What accelerates the base is felt as gravity against it.
+            let gravity_B = self.gravity_B - base.acceleration(self.elapsed_s + 0.5 * h);
+            self.robot.set_gravity(gravity_B);
         }
-        self.moved_s += h;
+        self.surroundings.jam(&mut self.robot, &mut self.qd, self.elapsed_s);
+        let outside = self.surroundings.torque(&self.robot, (&self.q, &self.qd), self.elapsed_s);
+        if let Some(elastic) = &mut self.elastic {
+            let friction = self.friction.then_some(self.hard_friction);
+            return elastic.integrate(
+                &self.robot,
+                (&mut self.q, &mut self.qd),
+                (&tau, &outside),
+                friction,
+                h,
+            );
+        }
+        let tau = tau + outside;
         let v = self.qd;
         // The friction of the step's beginning acts throughout; what it changes by is settled at the end.
         let friction = match (self.friction, self.hard_friction) {
@@ -222,17 +279,20 @@ impl<const N: usize> Drive<N> for SimulatedDrive<N> {
         while time < now {
             let step_ns = (now - time).0.min(self.step_ns);
             self.integrate(step_ns as f64 * 1e-9);
+            self.elapsed_s += step_ns as f64 * 1e-9;
             time.0 += step_ns;
         }
         self.time = Some(time);
-        let (q, qd) = self.encoder.read(&(self.q - self.q_offset), &self.qd, (time - before).as_s());
+        let (motors, motors_d) = self.motors();
+        let (q, qd) = self.encoder.read(&(motors - self.q_offset), &motors_d, (time - before).as_s());
         DriveState { q, qd, truth: Some((self.q, self.qd)) }
     }
 
     fn write(&mut self, command: &DriveCommand<N>) {
         self.commands.push(command);
         if let Some(command) = self.commands.arrived() {
-            self.servo.take(command, &self.qd);
+            let speed = self.elastic.as_ref().map_or(self.qd, |elastic| elastic.theta_d);
+            self.servo.take(command, &speed);
         }
     }
 

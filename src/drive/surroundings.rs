@@ -82,16 +82,11 @@ impl Surroundings {
         state: (&SVector<f64, N>, &SVector<f64, N>),
         t_s: f64,
     ) -> SVector<f64, N> {
-        let force = self.force(robot, state, t_s);
-        if force == Vector3::zeros() {
+        if self.wall.is_none() && self.push.is_none() {
             return SVector::zeros();
         }
+        let force = self.force(robot, state, t_s);
         robot.jacobian(state.0).fixed_rows::<3>(0).tr_mul(&force)
-    }
-
-    /// Whether there is a wall or a push.
-    pub(super) fn is_felt(&self) -> bool {
-        self.wall.is_some() || self.push.is_some()
     }
 
     /// Jams the joint of `robot` whose time has come, which then stands; once.

@@ -29,16 +29,22 @@
 mod camera_correction;
 mod confirmed_friction;
 mod friction;
+mod past;
+mod settings;
+mod untold_friction;
 
-use crate::linalg::Ldlt;
+pub use settings::ObserverSettings;
+
 use crate::motion::payload_estimator::PayloadEstimator;
-use crate::robot::Robot;
+use crate::robot::{Friction, Robot};
 use crate::servo::UnobservedMotion;
 use crate::time::{MonoNs, TICK};
 use camera_correction::CameraCorrection;
 use confirmed_friction::{ConfirmedFriction, FrictionResponse};
 use friction::{FrictionShare, TorqueResidual};
 use nalgebra::SVector;
+use past::Past;
+use untold_friction::UntoldFriction;
 
 // `tests/cores/arm_unlike_model.rs` holds these numbers together: it draws encoder steps of 1e-6 to 5e-4, loads and friction that differ
 // from the model, and bounds the share of runs that fail.
@@ -61,17 +67,18 @@ const STEPS_WIDE_1_S: f64 = 200.0;
 /// Acceleration that the velocity observer takes from an encoder step, in steps times the square of its bandwidth. Derived from its gain `1 + 2 m`, with
 /// `m` = 1.
 const STEP_GAIN: f64 = 3.0;
-/// Ticks over which the mean of a disturbance is taken. It must be longer than the detection of a blocked or oscillating arm takes, so
-/// that the mean before it is still good: a joint that does not follow is reported within 0.6 s (tested in `control/safety/arm.rs`).
-const MEAN_TICKS: u32 = 1000;
 /// Speed below which a joint stands, and speeds of its reference and of the decay of its error up to which it is left standing, rad/s or m/s.
 /// Chosen by hand: a tenth of the width over which friction changes its sign in smooth models, and four times that width; at 40 rad/s the error is
 /// then within 0.1 mrad. Where all joints were treated so, an xArm7 with hard friction hunted for 9 to 17 s with a quarter of it, and for 2 to 13 s with this.
 const STANDS: f64 = 1e-4;
 const STUCK: f64 = 4e-3;
-/// Largest share of the model's friction that is compensated: a joint that sticks and slips makes the estimate grow, and more than its true
-/// friction drives it. Chosen by hand: a quarter more than the largest confirmed share.
-const MOST_FRICTION: f64 = 2.5;
+/// Largest share of the model's friction that is compensated, over the confirmed one where that is more than [`MOST_UNMEASURED`]: a joint that sticks and
+/// slips makes the estimate grow, and more than its true friction drives it. Chosen by hand: a quarter more than the confirmed share.
+const MOST_FRICTION: f64 = 1.25;
+/// The confirmed share from which on it is friction of another kind. Chosen by hand: above twice the model's friction, measured with an error of 0.15.
+const OTHER: f64 = 2.3;
+/// The confirmed share up to which that is a quarter of this: twice the model's friction is what arms are tested with.
+const MOST_UNMEASURED: f64 = 2.0;
 /// A joint sticks that is slower than this, rad/s or m/s, for so many ticks, while its error is to decay with at least this speed: chosen by hand, and not varied. Smooth
 /// friction lets a joint creep with 1e-6 rad/s and more under any torque; what sticks does not move at all.
 const STILL: f64 = 1e-9;
@@ -79,56 +86,6 @@ const PULLED: f64 = 1e-4; // the speed of the error; chosen by hand with the one
 const STILL_TICKS: u32 = 20;
 /// Share of the estimation rate that is kept at rest. Chosen by hand: 1 / 50, so that an arm that is held by friction still adapts.
 const RATE_AT_REST: f64 = 0.02;
-
-/// Settings of the observer.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ObserverSettings<const N: usize> {
-    /// Rate at which a disturbance is estimated, rad/s; 0 switches the estimation off.
-    pub disturbance_rad_s: f64,
-    /// Bandwidth of the velocity observer, rad/s; 0: velocities are taken as they are measured.
-    pub velocity_rad_s: f64,
-    /// Step of each encoder, with its noise, rad or m.
-    pub encoder_step: SVector<f64, N>,
-    /// Largest disturbance of each joint, rad/s^2 or m/s^2.
-    pub max_acceleration: SVector<f64, N>,
-    /// Inertia of each joint while the others are free, about, kg m^2 or kg.
-    pub inertia: SVector<f64, N>,
-}
-
-impl<const N: usize> ObserverSettings<N> {
-    /// The largest disturbance of each joint that the arm can compensate: the acceleration of each by the effort limits of all joints
-    /// together, in the posture `q`.
-    #[must_use]
-    pub fn bound(robot: &Robot<N>, q: &SVector<f64, N>) -> SVector<f64, N> {
-        let effort = robot.limits().map(|limit| limit.effort);
-        Ldlt::of(&robot.mass_matrix(q)).map_or(SVector::zeros(), |factors| {
-            let inverse = factors.inverse();
-            SVector::from_fn(|i, _| inverse[i].iter().zip(&effort).map(|(x, effort)| x.abs() * effort).sum())
-        })
-    }
-
-    /// The inertia of each joint while the others are free, in the posture `q`.
-    #[must_use]
-    pub fn free_inertia(robot: &Robot<N>, q: &SVector<f64, N>) -> SVector<f64, N> {
-        Ldlt::of(&robot.mass_matrix(q)).map_or(SVector::zeros(), |factors| {
-            let inverse = factors.inverse();
-            SVector::from_fn(|i, _| inverse[i][i].recip())
-        })
-    }
-
-    /// No disturbance, velocities as they are measured.
-    #[must_use]
-    pub fn none() -> Self {
-        let zero = SVector::zeros();
-        Self {
-            disturbance_rad_s: 0.0,
-            velocity_rad_s: 0.0,
-            encoder_step: zero,
-            max_acceleration: zero,
-            inertia: zero,
-        }
-    }
-}
 
 /// A command that acts until the next tick.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -149,6 +106,8 @@ pub(super) struct Commanded<const N: usize> {
     pub(super) slip: SVector<f64, N>,
     /// Velocity beyond `w` for which viscous friction is compensated.
     pub(super) extra: SVector<f64, N>,
+    /// Velocity of the reference that the joints follow; `None` where they follow none.
+    pub(super) reference: Option<SVector<f64, N>>,
 }
 
 /// Velocities and disturbances of the joints.
@@ -177,6 +136,9 @@ pub(super) struct JointObserver<const N: usize> {
     friction: FrictionShare<N>,
     /// How much of the model's friction there is at all.
     confirmed: ConfirmedFriction<N>,
+    /// Friction that the file does not tell, and the disturbance when the reference last stood.
+    untold: UntoldFriction<N>,
+    at_rest: (SVector<f64, N>, SVector<f64, N>),
     /// Whether each joint has been found to stick, and for how many ticks it has been still.
     sticks: [bool; N],
     still_ticks: [u32; N],
@@ -199,6 +161,8 @@ impl<const N: usize> JointObserver<N> {
             camera: CameraCorrection::default(),
             friction: FrictionShare::default(),
             confirmed: ConfirmedFriction::new(&settings.inertia),
+            untold: UntoldFriction::default(),
+            at_rest: (zero, zero),
             sticks: [false; N],
             still_ticks: [0; N],
         }
@@ -217,7 +181,9 @@ impl<const N: usize> JointObserver<N> {
     /// The share of the model's friction that is compensated.
     pub(super) fn friction_share(&self) -> SVector<f64, N> {
         let share = self.friction.share().add_scalar(1.0).component_mul(self.confirmed.share());
-        share.map(|share| share.min(MOST_FRICTION))
+        share.zip_map(self.confirmed.share(), |share, confirmed| {
+            share.min(MOST_FRICTION * confirmed.max(MOST_UNMEASURED))
+        })
     }
 
     /// Its standard deviation.
@@ -233,6 +199,32 @@ impl<const N: usize> JointObserver<N> {
     /// The share of the model's friction that has been confirmed.
     pub(super) fn confirmed_share(&self) -> SVector<f64, N> {
         *self.confirmed.share()
+    }
+
+    /// The friction of each joint of `robot`, of which the share is compensated: that of its file, or what is looked for where the file tells none.
+    pub(super) fn friction(&self, robot: &Robot<N>) -> [Friction; N] {
+        std::array::from_fn(|i| self.friction_of(robot, i))
+    }
+
+    /// That of joint `i`. A share beyond those of warm and cold gears is friction of another kind beside the file's: Coulomb friction, because it was measured at a creep.
+    fn friction_of(&self, robot: &Robot<N>, i: usize) -> Friction {
+        let friction = self.untold.friction(robot, i);
+        let share = self.confirmed.share()[i];
+        let is_other = share > OTHER;
+        if is_other { Friction { viscous: friction.viscous / share, ..friction } } else { friction }
+    }
+
+    /// The inertia of joints that have been found to stick by friction that the file does not tell, kg m^2 or kg, 0 for the others.
+    pub(super) fn sticking_inertia(&self, robot: &Robot<N>) -> SVector<f64, N> {
+        SVector::from_fn(|i, _| {
+            let is_untold = robot.friction()[i].coulomb == 0.0;
+            if self.sticks[i] && is_untold { self.settings.inertia[i] } else { 0.0 }
+        })
+    }
+
+    /// Whether joints have begun to be probed that were found to resist, so that the reference is to be set to the arm: true once.
+    pub(super) fn begins_anew(&mut self) -> bool {
+        self.untold.take_new()
     }
 
     /// Lets the joints of an arm be probed that is to move next, or not; whether that is still to be done.
@@ -284,7 +276,7 @@ impl<const N: usize> JointObserver<N> {
             let gravity = payload.robot().gravity(q);
             let [now, before, last] = torques.map(|torque| (zero, gravity - torque));
             (self.p, self.t) = now;
-            self.past = Past { before, last, ..Past::default() };
+            self.past = Past::of(before, last);
         }
         self.settings.inertia = ObserverSettings::free_inertia(payload.robot(), q);
     }
@@ -338,6 +330,22 @@ impl<const N: usize> JointObserver<N> {
             return if settings.velocity_rad_s > 0.0 { state } else { (*q, *qd) };
         };
         let (mut q_now, mut v_now) = (*q, *qd);
+        let learns = settings.disturbance_rad_s > 0.0 && !self.settled;
+        if let Some(velocity) = commanded.reference.filter(|_| learns)
+            && self.untold.note(robot, &velocity, q, &settings.encoder_step)
+        {
+            let untold = UntoldFriction::joints(robot);
+            self.confirmed.probe_untold(&untold);
+            // What was learnt since the joints should have moved is the friction that is looked for.
+            for i in (0..N).filter(|i| untold[*i]) {
+                (self.p[i], self.t[i]) = (self.at_rest.0[i], self.at_rest.1[i]);
+            }
+        }
+        let rests = commanded.reference.is_some_and(|velocity| velocity.iter().all(|v| *v == 0.0));
+        if rests {
+            self.at_rest = (self.p, self.t);
+        }
+        let joints = self.friction(robot);
         let trust = self.camera.trust();
         let probing = !self.believed && self.confirmed.is_probing();
         for i in 0..N {
@@ -361,7 +369,7 @@ impl<const N: usize> JointObserver<N> {
                 v_now[i] = v + k_v * h * e;
                 self.a[i] += h * (k_a * e - FORGET_RAD_S * self.a[i]);
             }
-            let friction = &robot.friction()[i];
+            let friction = &joints[i];
             let width = STEPS_WIDE_1_S * settings.encoder_step[i];
             let speed = (q_now[i] - q_before[i]) / h;
             let accelerated = v_now[i] - v_before[i] - h * commanded.u[i];
@@ -371,6 +379,7 @@ impl<const N: usize> JointObserver<N> {
                 inertia: settings.inertia[i],
                 requested: commanded.w[i],
                 speed,
+                rests,
                 noise: (width, STEP_GAIN * settings.encoder_step[i] * settings.velocity_rad_s.powi(2)),
             };
             self.confirmed.note(i, friction, &response);
@@ -380,7 +389,8 @@ impl<const N: usize> JointObserver<N> {
             if rate > 0.0 && !probing {
                 // The mean over the step, as for the compensation: at its end the friction of a joint that reverses has the other sign. What
                 // is not confirmed neither acts nor is compensated.
-                let confirmed = if self.believed { 1.0 } else { self.confirmed.share()[i] };
+                let is_told = robot.friction()[i].coulomb > 0.0;
+                let confirmed = if self.believed && is_told { 1.0 } else { self.confirmed.share()[i] };
                 let rubbed = confirmed
                     * confirmed.min(1.0)
                     * (friction.viscous * (speed - commanded.w[i] - commanded.extra[i])
@@ -409,38 +419,6 @@ impl<const N: usize> JointObserver<N> {
         }
         self.state = Some((q_now, v_now));
         (q_now, v_now)
-    }
-}
-
-/// Means of the disturbance over consecutive seconds, as accelerations and as torques.
-#[derive(Debug, Clone)]
-struct Past<const N: usize> {
-    /// Over the second before the last complete one: one to three seconds ago.
-    before: (SVector<f64, N>, SVector<f64, N>),
-    last: (SVector<f64, N>, SVector<f64, N>),
-    sum: (SVector<f64, N>, SVector<f64, N>),
-    ticks: u32,
-}
-
-impl<const N: usize> Default for Past<N> {
-    fn default() -> Self {
-        let zero = (SVector::zeros(), SVector::zeros());
-        Self { before: zero, last: zero, sum: zero, ticks: 0 }
-    }
-}
-
-impl<const N: usize> Past<N> {
-    fn note(&mut self, p: &SVector<f64, N>, t: &SVector<f64, N>) {
-        self.sum.0 += p;
-        self.sum.1 += t;
-        self.ticks += 1;
-        if self.ticks == MEAN_TICKS {
-            let share = 1.0 / f64::from(MEAN_TICKS);
-            self.before = self.last;
-            self.last = (self.sum.0 * share, self.sum.1 * share);
-            self.sum = (SVector::zeros(), SVector::zeros());
-            self.ticks = 0;
-        }
     }
 }
 

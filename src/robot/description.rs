@@ -60,6 +60,8 @@ pub struct RobotDescription {
     pub joints: Vec<JointDescription>,
     /// The flange in the last link's frame.
     pub X_LE: Pose,
+    /// What of the file was taken otherwise than it is written, a sentence each.
+    pub notes: Vec<String>,
 }
 
 impl RobotDescription {

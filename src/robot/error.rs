@@ -213,12 +213,27 @@ pub enum Defect {
         /// The tip link.
         tip: String,
     },
-    /// A joint beside the chain moves: its link has no definite place.
-    #[error("moves beside the chain from base to tip; make it type fixed, or {HOLD}")]
-    MovesBesideChain,
-    /// A joint that copies another one's motion.
-    #[error("mimic joints are not supported; make it type fixed, or {HOLD}")]
-    Mimic,
+    /// Joints beside the chain move: their links have no definite place.
+    #[error(
+        "{} beside the chain from base to tip; make them type fixed, or hold them: a robot file in TOML beside the URDF, as robot.model, with the lines \
+         `name = \"my_arm\"` and `{toml}`{}",
+        if *several { "move" } else { "moves" },
+        behind.as_ref().map_or(String::new(), |link| format!("; or begin the arm behind them, with base = \"{link}\""))
+    )]
+    MovesBesideChain {
+        /// Whether there are several.
+        several: bool,
+        /// The table that holds them.
+        toml: String,
+        /// The link from which on no joint is beside the chain, where that leaves an arm.
+        behind: Option<String>,
+    },
+    /// A joint of the chain that copies the motion of one that moves, or that is not there.
+    #[error("is a mimic of joint `{joint}`, which moves or is not there; make it type fixed, or {HOLD}")]
+    Mimic {
+        /// Whose motion.
+        joint: String,
+    },
     /// A joint type with several degrees of freedom.
     #[error("joint type `{kind}` is not supported; use revolute, continuous, prismatic or fixed")]
     JointType {

@@ -127,6 +127,7 @@ fn empty(name: &str, file: &str) -> RobotDescription {
         gravity_B: Vector3::new(0.0, 0.0, -STANDARD_GRAVITY),
         joints: Vec::new(),
         X_LE: Pose::identity(),
+        notes: Vec::new(),
     }
 }
 

@@ -13,7 +13,7 @@ mod values;
 
 use self::document::{Joint, JointType, UrdfDocument, UrdfLink};
 use self::syntax::XmlFault;
-use self::values::{axis, friction, held_at_rest, inertia, limits, place_at, pose};
+use self::values::{axis, friction, inertia, is_endless, limits, place_at, rest_position};
 use super::description::{JointDescription, RobotDescription};
 use super::error::{Defect, RobotError};
 use super::inertia::Inertia;
@@ -47,9 +47,11 @@ pub(super) fn read(
         return Err(RobotError::Syntax { place: description.file.clone(), message });
     }
     let fail = |(element, problem): ElementDefect| description.error(element, problem);
-    let tree = Tree::new(&robot, selection).map_err(fail)?;
-    let (joints, X_LE) = tree.chain().map_err(fail)?;
+    let tree = Tree::new(&robot, selection, &description.file).map_err(fail)?;
+    let mut notes = Vec::new();
+    let (joints, X_LE) = tree.chain(&mut |note| notes.push(note)).map_err(fail)?;
     description.joints = joints;
+    description.notes = notes;
     description.X_LE = X_LE;
     Ok(())
 }
@@ -71,13 +73,20 @@ struct Tree<'a> {
     joint_to: HashMap<&'a str, &'a Joint>,
     /// The joints that leave a link, in the file's order.
     joints_from: HashMap<&'a str, Vec<&'a Joint>>,
+    joints: &'a [Joint],
     held: &'a BTreeMap<String, f64>,
+    /// The file, for messages.
+    file: &'a str,
     base: &'a str,
     tip: &'a str,
 }
 
 impl<'a> Tree<'a> {
-    fn new(robot: &'a UrdfDocument, selection: &'a ChainSelection) -> Result<Self, ElementDefect> {
+    fn new(
+        robot: &'a UrdfDocument,
+        selection: &'a ChainSelection,
+        file: &'a str,
+    ) -> Result<Self, ElementDefect> {
         let mut links = HashMap::new();
         for link in &robot.links {
             if links.insert(link.name.as_str(), link).is_some() {
@@ -109,7 +118,8 @@ impl<'a> Tree<'a> {
                 return Err(("fixed_joints".to_owned(), problem));
             }
         }
-        let mut tree = Self { links, joint_to, joints_from, held: &selection.held, base: "", tip: "" };
+        let (joints, held) = (robot.joints.as_slice(), &selection.held);
+        let mut tree = Self { links, joint_to, joints_from, joints, held, file, base: "", tip: "" };
         if let Some(link) = tree.in_a_loop(robot) {
             return Err((link_element(&link.name), Defect::Loop { link: link.name.clone() }));
         }
@@ -179,31 +189,66 @@ impl<'a> Tree<'a> {
         }
     }
 
+    /// The position at which a joint is held, rad or m: as the user says, or as a mimic of one that is; `None` for one that moves.
+    fn held_position(&self, joint: &Joint) -> Option<f64> {
+        self.mimicked(joint, &|source| self.held.get(&source.name).copied())
+    }
+
+    /// The position of a joint by that of the joint whose motion it copies in the end, which `of` knows. Mimics that copy each other have none.
+    fn mimicked(&self, joint: &Joint, of: &dyn Fn(&Joint) -> Option<f64>) -> Option<f64> {
+        let (mut joint, mut multiplier, mut offset) = (joint, 1.0, 0.0);
+        for _ in 0..=self.joints.len() {
+            if let Some(position) = of(joint) {
+                return Some(multiplier * position + offset);
+            }
+            let mimic = joint.mimic.as_ref()?;
+            offset += multiplier * mimic.offset;
+            multiplier *= mimic.multiplier;
+            joint = self.joints.iter().find(|other| other.name == mimic.joint)?;
+        }
+        None
+    }
+
+    /// Where a joint behind the tip stands that the user has not given: nearest to zero, and a mimic as the joint that it copies.
+    fn rest(&self, joint: &Joint, path: &[&Joint]) -> Result<Pose, Defect> {
+        let of = |source: &Joint| {
+            let moves = path.iter().any(|other| std::ptr::eq(*other, source)) || source.mimic.is_some();
+            let held = self.held.get(&source.name).copied();
+            held.or_else(|| if moves { None } else { rest_position(source).ok() })
+        };
+        let position = self.mimicked(joint, &of);
+        let joint_of =
+            |joint: &Joint| joint.mimic.as_ref().map_or(String::new(), |mimic| mimic.joint.clone());
+        let position = position.ok_or_else(|| Defect::Mimic { joint: joint_of(joint) });
+        place_at(joint, if joint.mimic.is_some() { position? } else { rest_position(joint)? })
+    }
+
     /// What a joint does, `None` for one that is fixed or held.
     fn kind(&self, joint: &Joint) -> Result<Option<JointKind>, Defect> {
-        if self.held.contains_key(&joint.name) {
+        if self.held_position(joint).is_some() {
             return Ok(None);
         }
         let kind = match &joint.kind {
             JointType::Fixed => return Ok(None),
+            JointType::Revolute if is_endless(joint) => JointKind::Continuous,
             JointType::Revolute => JointKind::Revolute,
             JointType::Continuous => JointKind::Continuous,
             JointType::Prismatic => JointKind::Prismatic,
             JointType::Other(kind) => return Err(Defect::JointType { kind: kind.clone() }),
         };
-        if joint.mimics { Err(Defect::Mimic) } else { Ok(Some(kind)) }
+        match &joint.mimic {
+            Some(mimic) => Err(Defect::Mimic { joint: mimic.joint.clone() }),
+            None => Ok(Some(kind)),
+        }
     }
 
     /// The child link's frame in the parent link's, at position zero, or where the joint is held.
     fn place(&self, joint: &Joint) -> Result<Pose, Defect> {
-        match self.held.get(&joint.name) {
-            Some(&position) => place_at(joint, position),
-            None => pose(&joint.origin),
-        }
+        place_at(joint, self.held_position(joint).unwrap_or(0.0))
     }
 
     /// The moving joints from base to tip, and the tip in the last moving link's frame.
-    fn chain(&self) -> Result<(Vec<JointDescription>, Pose), ElementDefect> {
+    fn chain(&self, note: &mut dyn FnMut(String)) -> Result<(Vec<JointDescription>, Pose), ElementDefect> {
         let mut path: Vec<&Joint> = Vec::new();
         if self.tip != self.base {
             for joint in self.path_to(self.tip) {
@@ -218,6 +263,7 @@ impl<'a> Tree<'a> {
             return Err(("tip".to_owned(), problem));
         }
         path.reverse();
+        self.refuse_joints_beside(&path)?;
 
         // Links on the base that are fixed to it, or that move beside the arm, do not take part in the arm's motion.
         let mut joints = Vec::new();
@@ -242,7 +288,7 @@ impl<'a> Tree<'a> {
                 X_PJ: X,
                 axis: axis(joint).map_err(fault)?,
                 X_JL: Pose::identity(),
-                limits: limits(joint, kind).map_err(fault)?,
+                limits: limits(joint, kind, note).map_err(fault)?,
                 friction: friction(joint).map_err(fault)?,
                 motor: None,
                 armature: 0.0,
@@ -251,6 +297,54 @@ impl<'a> Tree<'a> {
             });
         }
         Ok((joints, X_before))
+    }
+
+    /// Refuses joints that move beside the chain, all at once, with the table that holds them: their links have no definite place.
+    fn refuse_joints_beside(&self, path: &[&Joint]) -> Result<(), ElementDefect> {
+        // The links that the arm moves, from its first moving joint on; what hangs on the tip is held.
+        let first = path.iter().position(|joint| !matches!(self.kind(joint), Ok(None)));
+        let moving = path.get(first.unwrap_or(path.len())..).unwrap_or_default();
+        let (mut beside, mut branch) = (Vec::new(), None);
+        for (i, joint) in moving.iter().enumerate().filter(|(_, joint)| joint.child != self.tip) {
+            let mut waiting = vec![joint.child.as_str()];
+            while let Some(link) = waiting.pop() {
+                for next in self.joints_from.get(link).into_iter().flatten() {
+                    if path.iter().any(|other| std::ptr::eq(*other, *next)) {
+                        continue;
+                    }
+                    // What mimics a joint beside the chain is held with it.
+                    let mimics_beside = next
+                        .mimic
+                        .as_ref()
+                        .is_some_and(|mimic| !path.iter().any(|other| other.name == mimic.joint));
+                    if matches!(self.kind(next), Ok(Some(_))) {
+                        beside.push(next.name.as_str());
+                        branch = Some(i);
+                    } else if self.kind(next).is_err() && !mimics_beside {
+                        continue;
+                    }
+                    waiting.push(&next.child);
+                }
+            }
+        }
+        let Some(branch) = branch else { return Ok(()) };
+        let held: Vec<_> = beside.iter().map(|name| format!("\"{name}\" = 0.0")).collect();
+        let file = self.file.rsplit('/').next().unwrap_or(self.file);
+        let toml = format!(
+            "urdf = {{ file = \"{file}\", base = \"{}\", tip = \"{}\", fixed_joints = {{ {} }} }}",
+            self.base,
+            self.tip,
+            held.join(", ")
+        );
+        let is_free = |joint: &&&Joint| matches!(self.kind(joint), Ok(Some(_)));
+        let beyond = moving.iter().skip(branch + 1).filter(is_free).count();
+        let behind =
+            moving.get(branch).filter(|_| (2..=7).contains(&beyond)).map(|joint| joint.child.clone());
+        let element = match beside[..] {
+            [one] => joint_element(one),
+            _ => format!("{} joints", beside.len()),
+        };
+        Err((element, Defect::MovesBesideChain { several: beside.len() > 1, toml, behind }))
     }
 
     /// The inertia of `link` and of all that is fixed to it, in the frame in which `link` lies at `X`. What hangs on the
@@ -275,9 +369,9 @@ impl<'a> Tree<'a> {
             let fault = |problem| (joint_element(&joint.name), problem);
             let place = match self.kind(joint) {
                 Ok(None) => self.place(joint),
-                _ if behind_tip => held_at_rest(joint),
-                Ok(Some(_)) if path.iter().any(|other| std::ptr::eq(*other, *joint)) => continue,
-                Ok(Some(_)) => Err(Defect::MovesBesideChain),
+                _ if behind_tip => self.rest(joint, path),
+                // Joints that move beside the chain have been refused.
+                Ok(Some(_)) => continue,
                 Err(problem) => Err(problem),
             };
             let X = X * place.map_err(fault)?;

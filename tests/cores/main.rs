@@ -50,3 +50,4 @@ mod textbook_errata;
 mod three_points;
 mod trusted;
 mod truth;
+mod untold_friction;

@@ -221,6 +221,119 @@ fn a_gripper_behind_the_tip_is_held() {
     std::fs::write(file.path(), text).unwrap();
     let message = load(&format!("{}#fore", file.path().display())).unwrap_err().to_string();
     assert!(message.contains("a robot file in TOML") && message.contains("fixed_joints = {"), "{message}");
+    assert!(message.contains("joint \"a_joint\": moves beside"), "{message}");
+}
+
+/// A mimic stands where the joint that it copies stands, times its multiplier, beyond its offset, also through another mimic; wherever the user or zero
+/// puts that one.
+#[test]
+fn a_mimic_behind_the_tip_keeps_its_ratio_and_offset() {
+    let link = |name: &str, joint: &str, rest: &str| {
+        format!(
+            "<link name=\"{name}\">{FORE_INERTIAL}</link><joint name=\"{name}_joint\" {joint}><parent link=\"fore\"/>\
+             <child link=\"{name}\"/><axis xyz=\"0 0 1\"/>{rest}</joint>"
+        )
+    };
+    let limit = "<limit lower=\"-1\" upper=\"1\" velocity=\"1\" effort=\"1\"/>";
+    let mimic = |of: &str, ratio: f64, offset: f64| {
+        format!("<mimic joint=\"{of}_joint\" multiplier=\"{ratio}\" offset=\"{offset}\"/>{limit}")
+    };
+    let slides = "type=\"prismatic\"";
+    let arm = |fingers: String, held: &str| {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("two.urdf"), GOOD.replace("</robot>", &(fingers + "</robot>")))
+            .unwrap();
+        let toml = folder.path().join("two.toml");
+        let text = format!("name = \"two\"\n[urdf]\nfile = \"two.urdf\"\ntip = \"fore\"\n{held}");
+        std::fs::write(&toml, text).unwrap();
+        load(&toml.display().to_string()).unwrap().build::<2>().unwrap()
+    };
+    let q = nalgebra::Vector2::new(0.4, 0.9);
+    for (held, at) in [("", 0.0), ("fixed_joints = { a_joint = 0.3 }", 0.3)] {
+        let mimics = link("a", slides, limit)
+            + &link("b", slides, &mimic("a", -2.0, 0.1))
+            + &link("c", slides, &mimic("b", 0.5, 0.2));
+        let place = |z: f64| format!("<origin xyz=\"0 0 {z}\"/>");
+        // By hand: b = -2 a + 0.1, c = 0.5 b + 0.2.
+        let b = -2.0 * at + 0.1;
+        let fixed = link("a", "type=\"fixed\"", &place(at))
+            + &link("b", "type=\"fixed\"", &place(b))
+            + &link("c", "type=\"fixed\"", &place(0.5 * b + 0.2));
+        let (found, wanted) = (arm(mimics, held), arm(fixed, ""));
+        assert!((found.mass_matrix(&q) - wanted.mass_matrix(&q)).norm() < 1e-12, "{held}");
+        assert!((found.gravity(&q) - wanted.gravity(&q)).norm() < 1e-12, "{held}");
+    }
+    let ring = link("a", slides, &mimic("b", 1.0, 0.0)) + &link("b", slides, &mimic("a", 1.0, 0.0));
+    let file = tempfile::Builder::new().suffix(".urdf").tempfile().unwrap();
+    std::fs::write(file.path(), GOOD.replace("</robot>", &(ring + "</robot>"))).unwrap();
+    let message = load(&format!("{}#fore", file.path().display())).unwrap_err().to_string();
+    assert!(
+        message.contains("joint \"a_joint\"") && message.contains("mimic of joint `b_joint`"),
+        "{message}"
+    );
+}
+
+/// All joints beside the chain are named at once, with a file that holds them and is read.
+#[test]
+fn joints_beside_the_chain_are_named_with_the_file_that_holds_them() {
+    let beside = |name: &str, parent: &str| {
+        format!(
+            "<link name=\"{name}\">{FORE_INERTIAL}</link><joint name=\"{name}_joint\" type=\"continuous\"><parent link=\"{parent}\"/>\
+             <child link=\"{name}\"/></joint>"
+        )
+    };
+    let text = GOOD.replace(
+        "</robot>",
+        &(beside("a", "upper")
+            + &beside("b", "a")
+            + &beside("c", "upper")
+            + &beside("hand", "fore")
+            + "</robot>"),
+    );
+    let folder = tempfile::tempdir().unwrap();
+    let urdf = folder.path().join("two.urdf");
+    std::fs::write(&urdf, text).unwrap();
+    let message = load(&format!("{}#fore", urdf.display())).unwrap_err().to_string();
+    assert!(message.contains("3 joints: move beside the chain"), "{message}");
+    assert!(
+        ["a", "b", "c"].iter().all(|name| message.contains(&format!("\"{name}_joint\" = 0.0"))),
+        "{message}"
+    );
+    assert!(!message.contains("hand_joint"), "what hangs on the tip is held: {message}");
+    let lines: Vec<_> = message.split('`').filter(|part| part.contains(" = ")).collect();
+    let toml = lines.join("\n");
+    let file = folder.path().join("held.toml");
+    std::fs::write(&file, &toml).unwrap();
+    let arm = load(&file.display().to_string()).unwrap_or_else(|e| panic!("{e}\n{toml}"));
+    assert_eq!(arm.joint_count(), 2);
+}
+
+/// What exporters write for "none" is read, and told.
+#[test]
+fn limits_that_no_joint_has_are_none() {
+    let loaded = |from: &str, to: &str| {
+        let file = tempfile::Builder::new().suffix(".urdf").tempfile().unwrap();
+        assert!(GOOD.contains(from));
+        std::fs::write(file.path(), GOOD.replacen(from, to, 1)).unwrap();
+        load(&file.path().display().to_string()).unwrap()
+    };
+    let fast = loaded(SHOULDER_LIMIT, "<limit lower=\"-1\" upper=\"1\" velocity=\"10000\" effort=\"9\"/>");
+    assert_eq!((fast.joints[0].limits.velocity, fast.notes.len()), (1e3, 1));
+    assert!(fast.notes[0].contains("limit velocity 10000 is taken as no limit"), "{}", fast.notes[0]);
+    let endless =
+        loaded(SHOULDER_LIMIT, "<limit lower=\"-1e16\" upper=\"1e16\" velocity=\"2\" effort=\"9\"/>");
+    assert_eq!(endless.joints[0].kind, vservo::robot::JointKind::Continuous);
+    assert!(
+        endless.joints[0].limits.upper == f64::INFINITY && endless.notes[0].contains("turns without end")
+    );
+    assert_eq!(loaded(SHOULDER_LIMIT, SHOULDER_LIMIT).notes, Vec::<String>::new());
+    let colour = "<material name=\"grey\"><texture/></material></robot>";
+    assert_eq!(loaded("</robot>", colour).joint_count(), 2);
+    refused(
+        SHOULDER_LIMIT,
+        "<limit lower=\"-1\" upper=\"1\" velocity=\"nan\" effort=\"9\"/>",
+        &["limit velocity"],
+    );
 }
 
 /// What is welded to the base does not move: its inertia is nobody's business, whatever it is.

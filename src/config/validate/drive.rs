@@ -4,7 +4,8 @@ use crate::config::check::Validation;
 use crate::config::raw::{DriveKind, RawConfig, RawSimulated, SchemeKind, Task};
 use crate::config::{DriveProgram, DriveSettings, SimulatedArm};
 use crate::drive::{
-    CommandMode, HardFriction, InnerServo, Jam, MAX_DELAY, Payload, Push, Surroundings, Wall,
+    CommandMode, HardFriction, InnerServo, Jam, MAX_DELAY, Payload, Push, ShakingBase, Surroundings,
+    TorqueRipple, Wall,
 };
 use crate::robot::RobotDescription;
 use crate::time::SpanNs;
@@ -33,6 +34,14 @@ pub(super) fn drive(
             s.untold_rotor_share,
             0.0..=100.0,
         ),
+        wind_up: Some(check.range(
+            "drive.simulated.joint_wind_up_rad_or_m",
+            s.joint_wind_up_rad_or_m,
+            0.0..=0.1,
+        ))
+        .filter(|wind_up| *wind_up > 0.0),
+        ripple: ripple(s, check),
+        base: base(s, check),
         effort_limits: s.effort_limits,
         command_delay_ticks: check.count(
             "drive.simulated.command_delay_ticks",
@@ -90,6 +99,24 @@ pub(super) fn drive(
         connect_timeout: SpanNs::from_s(connect_timeout_s),
     };
     DriveSettings { kind: d.kind, mode: mode(raw, check), simulated, external }
+}
+
+/// Torque ripple, where it is requested.
+fn ripple(s: &RawSimulated, check: &mut Validation<'_>) -> Option<TorqueRipple> {
+    let share = check.range("drive.simulated.torque_ripple_share", s.torque_ripple_share, 0.0..=0.5);
+    let per_rad_or_m =
+        check.range("drive.simulated.torque_ripples_per_rad_or_m", s.torque_ripples_per_rad_or_m, 0.1..=1e4);
+    (share > 0.0).then_some(TorqueRipple { share, per_rad_or_m, seed: 0 })
+}
+
+/// A base that shakes, where it is requested.
+fn base(s: &RawSimulated, check: &mut Validation<'_>) -> Option<ShakingBase> {
+    let amplitude_B = Vector3::from_fn(|i, _| {
+        let key = format!("drive.simulated.base_acceleration_m_s2[{i}]");
+        s.base_acceleration_m_s2.get(i).map_or(0.0, |v| check.range(&key, *v, -50.0..=50.0))
+    });
+    let frequency_hz = check.range("drive.simulated.base_frequency_hz", s.base_frequency_hz, 0.01..=200.0);
+    (amplitude_B.amax() > 0.0).then_some(ShakingBase { amplitude_B, frequency_hz, seed: 0 })
 }
 
 /// Stick-slip friction, where it is requested.

@@ -27,6 +27,9 @@ pub(super) fn arm(raw: &RawConfig, check: &mut Validation<'_>) -> Option<RobotDe
             return None;
         }
     };
+    for note in &robot.notes {
+        check.doubtful("robot.model", note.clone());
+    }
     let joints = robot.joint_count();
     let q = &raw.robot.q_start_rad_or_m;
     if q.len() == joints {

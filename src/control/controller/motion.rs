@@ -5,7 +5,7 @@ use crate::control::behaviour::{ArmModel, MotionCommand};
 use crate::drive::{CommandMode, DriveState};
 use crate::motion::{ActingLimits, Limit, ReferenceState, brakeable, damp_singularity};
 use crate::servo::Convergence;
-use crate::time::TICK;
+use crate::time::{SpanNs, TICK};
 use nalgebra::SVector;
 
 /// Rate at which an arm under a torque law is braked without a trusted view, 1/s. Chosen by hand: its speed falls to 5 % in 0.4 s. The
@@ -66,6 +66,14 @@ impl<const N: usize> Controller<N> {
             // The drive obeys velocities alone: positions that are integrated from them would drift away from the arm.
             self.reference.relocate(&state.q);
             self.gate.relocate(&state.q);
+        }
+        if probes && self.reference.rests_within(SpanNs(2 * TICK.0)) {
+            // A reference that has braked rests but for the last digits; joints are probed at one that rests wholly.
+            let r = *self.reference.state();
+            let q = if self.joint_control.begins_anew() { state.q } else { r.q };
+            if q != r.q || r.qd.amax() > 0.0 {
+                self.reference.reset_to_measured(&q, &SVector::zeros());
+            }
         }
         self.reference.set_acceleration_share(self.joint_control.acceleration_share());
         let before = *self.reference.state();

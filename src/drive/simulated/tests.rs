@@ -1,5 +1,6 @@
 use super::*;
 use crate::drive::{Jam, Push, Wall};
+use crate::drive::{ShakingBase, TorqueRipple};
 use crate::robot::{Friction, load};
 use nalgebra::Vector4;
 
@@ -309,4 +310,108 @@ fn a_joint_that_jams_stands_from_then_on() {
     assert!(places[99][1] - places[0][1] > 0.03, "it moved before");
     assert!((places[299][1] - places[102][1]).abs() < 1e-5, "it stands");
     assert!((places[299] - places[102]).amax() > 0.05, "the others move on");
+}
+
+/// Springs between motors and links: at rest they carry gravity, and stiff ones make the rigid arm whose rotors are on the diagonal of B.
+#[test]
+fn elastic_joints_sag_under_gravity_and_stiff_ones_are_rigid() {
+    let robot = arm::<6>("ur5");
+    let settings = |wind_up| Settings { friction: false, wind_up, ..Settings::default() };
+    let mut soft = SimulatedDrive::new(robot.clone(), posture(), settings(Some(3e-3))).unwrap();
+    let state = soft.read(at(0));
+    let (q, _) = state.truth.unwrap();
+    assert_eq!(state.q, posture::<6>(), "encoders are on the motors");
+    let stiffness = SVector::<f64, 6>::from_fn(|i, _| robot.limits()[i].effort / 3e-3);
+    let carried = stiffness.component_mul(&(state.q - q));
+    assert!((carried - robot.gravity(&q)).amax() < 1e-9 && (state.q - q).amax() > 1e-4, "{carried}");
+    // Held by the torques of gravity, it stays there.
+    for ms in 1..200 {
+        soft.write(&command(robot.gravity(&q), SVector::zeros(), SVector::zeros()));
+        soft.read(at(ms));
+    }
+    assert!((soft.q - q).amax() < 1e-7, "{}", soft.q - q);
+    // The likely rotors by hand: 0.02 s times effort over speed.
+    let rotors =
+        SVector::<f64, 6>::from_fn(|i, _| 0.02 * robot.limits()[i].effort / robot.limits()[i].velocity);
+    let mut stiff = SimulatedDrive::new(robot.clone(), posture(), settings(Some(1e-5))).unwrap();
+    let rigid = Settings { rotor_inertia: rotors, ..settings(None) };
+    let mut rigid = SimulatedDrive::new(robot.clone(), posture(), rigid).unwrap();
+    let tau = robot.gravity(&posture()) + SVector::from_fn(|i, _| if i % 2 == 0 { 3.0 } else { -2.0 });
+    for ms in 0..300 {
+        for drive in [&mut stiff, &mut rigid] {
+            drive.read(at(ms));
+            drive.write(&command(tau, SVector::zeros(), SVector::zeros()));
+        }
+    }
+    let (way, off) = ((rigid.q - posture::<6>()).amax(), (stiff.q - rigid.q).amax());
+    assert!(way > 0.05 && off < 0.01 * way, "{off} of {way}");
+}
+
+/// Friction acts on the motors: a joint that is pushed with less than it stands, and the arm comes to rest without being driven.
+#[test]
+fn friction_of_elastic_joints_holds_the_motors() {
+    let robot = arm::<7>("xarm7").with_gravity(Vector3::zeros());
+    let hard = HardFriction { static_ratio: 1.2, stribeck_speed: 0.05 };
+    for hard_friction in [None, Some(hard)] {
+        let settings = Settings { hard_friction, wind_up: Some(2e-3), ..Settings::default() };
+        let mut drive = SimulatedDrive::new(robot.clone(), posture(), settings).unwrap();
+        for ms in 0..300 {
+            drive.read(at(ms));
+            drive.write(&command(SVector::repeat(0.5), SVector::zeros(), SVector::zeros()));
+        }
+        let moved = (drive.read(at(300)).q - posture::<7>()).amax();
+        // Smooth friction of 1 N m creeps under half of that with 0.55 mrad/s, hard friction not at all.
+        assert!(moved < if hard_friction.is_none() { 3e-4 } else { 1e-9 }, "{hard_friction:?}: {moved}");
+        assert!((drive.q - drive.motors().0).amax() < 1e-4, "friction carries it, and not the springs");
+    }
+}
+
+/// The ripple by its definition: within its amplitude, of the period that is asked for, and each joint's own.
+#[test]
+fn torque_ripple_has_its_amplitude_and_period() {
+    let ripple = TorqueRipple { share: 0.01, per_rad_or_m: 30.0, seed: 4 };
+    let at = |x: f64| ripple.torque::<6>(&SVector::repeat(x), |_| 100.0);
+    let places = (0..3000).map(|k| at(f64::from(k) * 1e-4));
+    let most = places.fold(SVector::<f64, 6>::zeros(), |most, t| most.sup(&t.abs()));
+    assert!(most.max() <= 1.0 && most.min() >= 0.5 - 1e-3, "{most}");
+    assert!((at(0.2) - at(0.2 + 1.0 / 30.0)).amax() < 1e-9 && (at(0.2) - at(0.2 + 0.5 / 30.0)).amax() > 0.1);
+    assert_ne!(most[0], most[1]);
+    // It acts on the arm: what is held by gravity's torque moves.
+    let robot = arm::<6>("ur5");
+    let settings = Settings { friction: false, ripple: Some(ripple), ..Settings::default() };
+    let mut drive = SimulatedDrive::new(robot.clone(), posture(), settings).unwrap();
+    drive.read(MonoNs(0));
+    drive.write(&command(robot.gravity(&posture()), SVector::zeros(), SVector::zeros()));
+    let qdd = drive.read(MonoNs(10_000)).qd / 1e-5;
+    let wanted = robot.forward_dynamics(
+        &posture(),
+        &SVector::zeros(),
+        &(robot.gravity(&posture()) + ripple.torque(&posture(), |i| robot.limits()[i].effort)),
+    );
+    assert!((qdd - wanted).norm() < 1e-3 * wanted.norm(), "{qdd} {wanted}");
+}
+
+/// A base that accelerates is felt as gravity that changes, at every instant.
+#[test]
+fn a_shaking_base_is_felt_as_gravity() {
+    let robot = arm::<6>("ur5");
+    let base = ShakingBase { amplitude_B: Vector3::new(1.0, 0.5, 0.0), frequency_hz: 7.0, seed: 3 };
+    let settings = Settings { friction: false, base: Some(base), substeps: 4, ..Settings::default() };
+    let mut drive = SimulatedDrive::new(robot.clone(), posture(), settings).unwrap();
+    let (mut q, mut qd) = (posture::<6>(), SVector::<f64, 6>::zeros());
+    let g = robot.gravity_vector();
+    for ms in 0..200 {
+        drive.read(at(ms));
+        drive.write(&command(robot.gravity(&posture()), SVector::zeros(), SVector::zeros()));
+        // The same by small steps of this test's own.
+        for k in 0..10 {
+            let t = 1e-3 * ms as f64 + 1e-4 * (f64::from(k) + 0.5);
+            let arm = robot.clone().with_gravity(g - base.acceleration(t));
+            qd += arm.forward_dynamics(&q, &qd, &robot.gravity(&posture())) * 1e-4;
+            q += qd * 1e-4;
+        }
+    }
+    let (moved, off) = ((q - posture::<6>()).amax(), (drive.read(at(200)).q - q).amax());
+    assert!(moved > 1e-3 && off < 0.02 * moved, "{off} of {moved}");
+    assert!((0..300).all(|k| base.acceleration(f64::from(k) * 1e-3).z == 0.0));
 }

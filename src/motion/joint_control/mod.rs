@@ -21,8 +21,10 @@ mod law;
 mod operational_space;
 mod stall;
 mod sticking;
+mod torque;
 
 pub use law::{InverseDynamicsControl, JointLaw, PdGravityControl};
+pub use torque::JointTorque;
 
 use super::joint_observer::{Commanded, JointObserver, ObserverSettings};
 use super::payload_estimator::{JointTick, PayloadEstimator, WINDOW};
@@ -34,6 +36,7 @@ use crate::time::{MonoNs, TICK};
 use law::Feedback;
 use nalgebra::SVector;
 use stall::StallGuard;
+use torque::cut;
 
 /// Rate at which the velocity for which a torque law's friction is compensated follows the measured one, 1/s.
 const FOLLOWS_1_S: f64 = 10.0;
@@ -63,6 +66,8 @@ pub struct JointController<const N: usize> {
     payload: Option<Box<PayloadEstimator<N>>>,
     /// The torque that acts until the next tick, N m or N.
     applied: Option<SVector<f64, N>>,
+    /// The velocity of the reference that is followed in this tick, rad/s or m/s.
+    followed: Option<SVector<f64, N>>,
     /// Ticks of control so far.
     ticks: u32,
     /// The acceleration limits of the reference, rad/s^2 or m/s^2, and the share of them for which the efforts of the arm suffice with its payload.
@@ -74,17 +79,6 @@ pub struct JointController<const N: usize> {
     is_laden: bool,
     /// What gravity takes more in a model that has changed in this tick, N m or N.
     model_change: Option<SVector<f64, N>>,
-}
-
-/// Torques or forces, N m or N.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct JointTorque<const N: usize> {
-    /// What to apply.
-    pub tau: SVector<f64, N>,
-    /// The joints whose effort limit cut it, as a mask.
-    pub saturated: u8,
-    /// The joints that do not move and whose torque was bounded, as a mask.
-    pub stalled: u8,
 }
 
 impl<const N: usize> JointController<N> {
@@ -100,6 +94,7 @@ impl<const N: usize> JointController<N> {
             stall: StallGuard::default(),
             payload: None,
             applied: None,
+            followed: None,
             ticks: 0,
             acceleration: SVector::zeros(),
             acceleration_share: 1.0,
@@ -196,6 +191,11 @@ impl<const N: usize> JointController<N> {
         self.law != JointLaw::PassThrough && self.observer.probe(wanted)
     }
 
+    /// Whether joints are about to be probed that were found to resist, so that the reference is to be set to the standing arm: true once.
+    pub fn begins_anew(&mut self) -> bool {
+        self.observer.begins_anew()
+    }
+
     /// Corrects the velocities, at `now`, by the `drift` that a camera measured and coarse encoders do not resolve.
     pub fn learn(&mut self, drift: &UnobservedMotion<N>, now: MonoNs) {
         self.observer.learn(drift, now);
@@ -220,6 +220,10 @@ impl<const N: usize> JointController<N> {
         let share = if self.soft { SOFT_SHARE } else { 1.0 };
         let (e, ed) = ((reference.q - q) * (share * share), (reference.qd - qd) * share);
         let mut feedback = self.law.feedback(&e, &ed, reference);
+        if let (JointLaw::InverseDynamics(control), false) = (&self.law, self.soft) {
+            let inertia = self.observer.sticking_inertia(self.carrying(robot));
+            feedback.torque += sticking::torque(&inertia, control, (&e, &ed));
+        }
         if let (JointLaw::OperationalSpace(control), false) = (&self.law, self.soft) {
             feedback.u = control.in_operational_space(robot, (q, qd), reference, &feedback.u);
         }
@@ -228,6 +232,7 @@ impl<const N: usize> JointController<N> {
             feedback.velocity += probe;
             feedback.slip.zip_apply(&probe, |slip, probe| *slip = if probe == 0.0 { *slip } else { 0.0 });
         }
+        self.followed = Some(reference.qd);
         self.of_carrying(robot, |control, robot| control.compensated(robot, q, qd, &feedback))
     }
 
@@ -345,6 +350,7 @@ impl<const N: usize> JointController<N> {
             compensated,
             slip: feedback.slip,
             extra,
+            reference: self.followed.take(),
         });
         torque
     }
@@ -362,10 +368,11 @@ impl<const N: usize> JointController<N> {
         let qd_mid = qd + feedback.u * half;
         let q_mid = q + (qd + qd_mid) * (0.5 * half);
         let share = self.observer.friction_share();
-        let model = robot.friction_torque(&feedback.velocity);
+        let joints = self.observer.friction(robot);
+        let model = SVector::<f64, N>::from_fn(|i, _| joints[i].torque(feedback.velocity[i]));
         let extra = sticking::extra_velocity(self.observer.sticks(), qd, feedback);
         let mut friction = model;
-        for (i, joint) in robot.friction().iter().enumerate() {
+        for (i, joint) in joints.iter().enumerate() {
             friction[i] += joint.viscous * (feedback.slip[i] + extra[i]);
         }
         let accelerations = [&(feedback.u - p), &self.stall.expected(&feedback.expected)];
@@ -386,19 +393,6 @@ struct Torques<const N: usize> {
     expected: SVector<f64, N>,
     /// The friction of the model, including that of the error's decay.
     friction: SVector<f64, N>,
-}
-
-/// Cuts torques at the effort limits.
-fn cut<const N: usize>(robot: &Robot<N>, wanted: &SVector<f64, N>) -> JointTorque<N> {
-    let (mut tau, mut saturated) = (*wanted, 0);
-    for (i, (tau, limit)) in tau.iter_mut().zip(robot.limits()).enumerate() {
-        let within = tau.clamp(-limit.effort, limit.effort);
-        if within != *tau {
-            saturated |= 1 << i;
-        }
-        *tau = within;
-    }
-    JointTorque { tau, saturated, stalled: 0 }
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! What joints that stick get beside the law's torque: more against an error, so that they come loose before it has grown, and damping when they slip.
 
-use super::law::Feedback;
+use super::law::{Feedback, InverseDynamicsControl};
 use nalgebra::SVector;
 
 /// Times the rate of the law at which an error is to decay against viscous friction. A joint that sticks is freed by the torque that this adds, and with
@@ -13,6 +13,23 @@ const SLIP_GAIN: f64 = 4.0;
 const DAMPING_SHARE: f64 = 0.5;
 /// Largest velocity error that is damped so, rad/s or m/s. Chosen by hand: what sticks and slips about a goal reaches 0.2.
 const DAMPED: f64 = 0.2;
+
+/// Stiffness and damping beyond those of the law, as multiples of them, of joints that stick by friction that their file does not tell, where no viscous friction is known
+/// that could be compensated: the first as above, so that joints come loose before the error has grown; the second so that the damping ratio stays near to 1.
+const STIFFER: f64 = 2.0;
+const DAMPED_MORE: f64 = 0.5;
+
+/// Torques of joints that stick by untold friction, N m or N, with their inertia (kg m^2 or kg, 0 for the others), against the errors of position and
+/// velocity.
+pub(super) fn torque<const N: usize>(
+    inertia: &SVector<f64, N>,
+    control: &InverseDynamicsControl,
+    (e, ed): (&SVector<f64, N>, &SVector<f64, N>),
+) -> SVector<f64, N> {
+    let InverseDynamicsControl { omega_rad_s, zeta } = control;
+    let stiffness = STIFFER * omega_rad_s * omega_rad_s;
+    inertia.component_mul(&(e * stiffness + ed * (DAMPED_MORE * 2.0 * zeta * omega_rad_s)))
+}
 
 /// Velocities for which viscous friction of joints that stick is compensated beyond those of the reference and of the error's decay, rad/s or m/s;
 /// zero for the others. The joints move with `qd`.

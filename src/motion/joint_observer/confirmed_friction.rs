@@ -62,8 +62,11 @@ const UNRESISTED: f64 = 0.75;
 const SLOW: f64 = 0.05;
 /// Share of the compensated friction from which on a torque tells of it, because a small part of friction is resisted by any joint.
 const TELLS: f64 = 0.5;
-/// Largest share that is believed when it is measured; twice the model's friction is what the tests go up to.
+/// Largest share that is believed of a joint in motion; twice the model's friction is what the tests go up to.
 const MAX_SHARE: f64 = 2.0;
+/// Largest share that is believed when it is measured: an xArm7 whose file tells 1 N m, and which has 10 % of an effort of 50 N m beside it, has six
+/// times the friction of its file.
+const MAX_MEASURED: f64 = 7.0;
 /// Share below which a joint counts as frictionless, and change of a share in a few ticks above which it is not steady. Chosen by hand.
 const STEADY: f64 = 0.02;
 /// Difference from 1 up to which a measured share is that of the model: on the xArm7 with the model's friction, joints that move beside
@@ -73,8 +76,8 @@ const AS_MODELLED: f64 = 0.08;
 const PROBE: f64 = 5e-3;
 /// Slope at which that speed rises and falls, rad/s^2 or m/s^2: a step of it in a tick is half of the default limit of jerk.
 const PROBE_SLOPE: f64 = 0.25;
-/// Ticks after which probing ends, whatever was found: twice what the growth from `FIRST` to the whole of the largest friction takes.
-const PROBE_TICKS: u32 = 200;
+/// Ticks after which probing ends, whatever was found: the growth from `FIRST` to the largest share of the largest friction takes 220.
+const PROBE_TICKS: u32 = 260;
 /// Ticks at the start in which nothing is applied: longer than commands may be late.
 const REST_TICKS: u32 = 20;
 /// Speed at the end of these above which a joint sinks, rad/s or m/s: the smooth friction of the model gives way like that
@@ -120,6 +123,8 @@ pub(super) struct FrictionResponse {
     /// Requested and true speed, rad/s or m/s.
     pub(super) requested: f64,
     pub(super) speed: f64,
+    /// Whether the reference of the arm is at rest: it is then probed.
+    pub(super) rests: bool,
     /// Speeds and accelerations that coarse encoders do not distinguish from none, rad/s and rad/s^2 or m/s and m/s^2.
     pub(super) noise: (f64, f64),
 }
@@ -135,6 +140,10 @@ pub(super) struct ConfirmedFriction<const N: usize> {
     wanted: bool,
     /// How often the ticks in which nothing is applied began anew because a joint sank.
     waits: u32,
+    /// The share that is believed of a joint whose friction cannot be probed: 1, and 0 where the file tells none.
+    believed: SVector<f64, N>,
+    /// Whether joints are probed that were found to resist.
+    again: bool,
 }
 
 /// How far the probing of a joint is.
@@ -173,7 +182,18 @@ impl<const N: usize> ConfirmedFriction<N> {
             probes: std::array::from_fn(|i| probe(inertia[i] > 0.0)),
             wanted: false,
             waits: 0,
+            believed: SVector::repeat(1.0),
+            again: false,
         }
+    }
+
+    /// Lets joints be probed, once more or at last, whose friction the file does not tell and that have been found to resist; nothing of it is believed before.
+    pub(super) fn probe_untold(&mut self, untold: &[bool; N]) {
+        for i in (0..N).filter(|i| untold[*i]) {
+            (self.share[i], self.believed[i], self.speed[i]) = (0.0, 0.0, 0.0);
+            self.probes[i] = FrictionProbe { left: PROBE_TICKS, ..FrictionProbe::default() };
+        }
+        self.again = true;
     }
 
     /// Their standard deviations.
@@ -181,7 +201,7 @@ impl<const N: usize> ConfirmedFriction<N> {
         SVector::from_fn(|i, _| if self.probes[i].measured { MEASURED_SD } else { UNMEASURED_SD })
     }
 
-    /// The shares, 0 to `MAX_SHARE`.
+    /// The shares, 0 to `MAX_MEASURED`.
     pub(super) fn share(&self) -> &SVector<f64, N> {
         &self.share
     }
@@ -207,14 +227,13 @@ impl<const N: usize> ConfirmedFriction<N> {
 
     /// Whether a joint is being probed: the motion of the arm tells of no other disturbance then.
     pub(super) fn is_probing(&self) -> bool {
-        self.probes
-            .iter()
-            .any(|probe| self.wanted && probe.left > 0 && probe.rested > REST_TICKS || probe.settles > 0)
+        let is_over = |probe: &FrictionProbe| self.again || self.wanted && probe.rested > REST_TICKS;
+        self.probes.iter().any(|probe| probe.left > 0 && is_over(probe) || probe.settles > 0)
     }
 
     /// Believes the models: where something else than friction moves the arm, or where no reference tells what a joint is to do.
     pub(super) fn believe(&mut self) {
-        self.share.fill(1.0);
+        self.share = self.believed;
         self.speed.fill(0.0);
         self.probes = [FrictionProbe { kept: true, ..FrictionProbe::default() }; N];
     }
@@ -224,11 +243,12 @@ impl<const N: usize> ConfirmedFriction<N> {
         let all = model.torque(SLOW);
         let FrictionResponse { inertia, speed, noise, .. } = *response;
         if !(inertia > 0.0 && all > HARMLESS * inertia && noise.0 < PROBE) {
-            (self.share[i], self.speed[i], self.probes[i]) = (1.0, 0.0, FrictionProbe::default());
+            (self.share[i], self.speed[i], self.probes[i]) =
+                (self.believed[i], 0.0, FrictionProbe::default());
             return;
         }
-        if self.probes[i].left > 0 && self.probes[i].rests(speed) {
-            if self.probes[i].sinks(speed, noise.0) {
+        if self.probes[i].left > 0 && (!response.rests || self.probes[i].rests(speed)) {
+            if !self.again && self.probes[i].sinks(speed, noise.0) {
                 self.wait();
             }
             return;
@@ -245,7 +265,8 @@ impl<const N: usize> ConfirmedFriction<N> {
             self.share[i] = adapted(self.share[i], &along, response, tells, holds);
         }
         self.go_on(i, &along, noise.0, tells, holds);
-        self.share[i] = self.share[i].max(inertia * FIRST / all).min(MAX_SHARE);
+        let most = if self.probes[i].left > 0 || self.probes[i].kept { MAX_MEASURED } else { MAX_SHARE };
+        self.share[i] = self.share[i].max(inertia * FIRST / all).min(most);
     }
 
     /// Waits for a payload that makes joints sink, or believes the model.
@@ -270,7 +291,7 @@ impl<const N: usize> ConfirmedFriction<N> {
         probe.settles = if is_busy { SETTLE_TICKS } else { probe.settles.saturating_sub(1) };
         let top = (PROBE + 2.0 * noise).min(SLOW);
         if probe.left > 0 && *asked >= top {
-            let is_found = *share >= MAX_SHARE || tells && !along.lags;
+            let is_found = *share >= MAX_MEASURED || tells && !along.lags;
             probe.left = if is_found { 0 } else { probe.left - 1 };
         }
         let slope = PROBE_SLOPE * top / PROBE * TICK.as_s();
@@ -295,7 +316,7 @@ struct Along {
 impl Along {
     /// Of a `response`; `probes`: to probing.
     fn of(response: &FrictionResponse, probes: bool) -> Self {
-        let FrictionResponse { torque, excess, inertia, requested, speed, noise } = *response;
+        let FrictionResponse { torque, excess, inertia, requested, speed, noise, .. } = *response;
         let along = torque.signum();
         let (torque, excess, speed, requested) =
             (torque.abs(), excess * along, speed * along, requested * along);

@@ -61,8 +61,17 @@ pub(super) struct Joint {
     pub(super) axis: [f64; 3],
     pub(super) limit: Option<UrdfLimit>,
     pub(super) dynamics: Dynamics,
-    /// Whether it copies another joint's motion.
-    pub(super) mimics: bool,
+    /// Whose motion it copies, and how.
+    pub(super) mimic: Option<Mimic>,
+}
+
+/// `position = multiplier * position of joint + offset`.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Mimic {
+    pub(super) joint: String,
+    pub(super) multiplier: f64,
+    /// rad or m.
+    pub(super) offset: f64,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -182,7 +191,14 @@ fn joint(node: Node, version: Version) -> Option<Joint> {
             damping: number(dynamics, "damping").unwrap_or(0.0),
             friction: number(dynamics, "friction").unwrap_or(0.0),
         }),
-        mimics: child(node, "mimic").is_some(),
+        mimic: match child(node, "mimic") {
+            Some(mimic) => Some(Mimic {
+                joint: mimic.attribute("joint")?.to_owned(),
+                multiplier: number(mimic, "multiplier").unwrap_or(1.0),
+                offset: number(mimic, "offset").unwrap_or(0.0),
+            }),
+            None => None,
+        },
     })
 }
 
@@ -231,10 +247,11 @@ mod tests {
     fn what_is_missing() {
         let joint = of("", "");
         assert_eq!((joint.axis, joint.origin), ([1.0, 0.0, 0.0], Origin::default()));
-        assert_eq!((joint.limit, joint.dynamics, joint.mimics), (None, Dynamics::default(), false));
+        assert_eq!((joint.limit, joint.dynamics, joint.mimic), (None, Dynamics::default(), None));
         assert_eq!((joint.kind, joint.parent.as_str()), (JointType::Other("planar".to_owned()), "a"));
-        let joint = of("", "<axis xyz=' 0\n1\t2e-1 '/><dynamics friction='2'/><mimic joint='j'/>");
-        assert_eq!((joint.axis, joint.dynamics.friction, joint.mimics), ([0.0, 1.0, 0.2], 2.0, true));
+        let joint = of("", "<axis xyz=' 0\n1\t2e-1 '/><dynamics friction='2'/><mimic joint='j' offset='3'/>");
+        let mimic = Mimic { joint: "j".to_owned(), multiplier: 1.0, offset: 3.0 };
+        assert_eq!((joint.axis, joint.dynamics.friction, joint.mimic), ([0.0, 1.0, 0.2], 2.0, Some(mimic)));
     }
 
     #[test]

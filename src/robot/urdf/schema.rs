@@ -99,7 +99,7 @@ const ELEMENTS: &[Element] = &[
     ("mesh", &[("filename", Text, Always), ("scale", THREE, Never)], &[]),
     ("material", &[("name", Text, Always)], &[("color", AtMostOne), ("texture", AtMostOne)]),
     ("color", &[("rgba", Numbers(4), Always)], &[]),
-    ("texture", &[("filename", Text, Always)], &[]),
+    ("texture", &[("filename", Text, Never)], &[]),
     (
         "joint",
         &[("name", Text, Always), ("type", JOINT_TYPES, Always)],

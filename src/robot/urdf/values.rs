@@ -6,6 +6,7 @@ use super::super::inertia::Inertia;
 use super::super::model::{Friction, JointKind, JointLimits};
 use super::document::{Joint, JointType, Origin, UrdfLimit, UrdfLink};
 use crate::geometry::Pose;
+use crate::input::number;
 use nalgebra::{Matrix3, Quaternion, Translation3, UnitQuaternion, UnitVector3, Vector3};
 use std::ops::RangeInclusive;
 
@@ -45,15 +46,15 @@ pub(super) fn place_at(joint: &Joint, position: f64) -> Result<Pose, Defect> {
     Ok(X * motion)
 }
 
-/// The position of a joint beyond the tip that the user has not given: zero, or the end of its range that is nearest to zero.
-pub(super) fn held_at_rest(joint: &Joint) -> Result<Pose, Defect> {
+/// The position of a joint beyond the tip that the user has not given, rad or m: zero, or the end of its range that is nearest to zero.
+pub(super) fn rest_position(joint: &Joint) -> Result<f64, Defect> {
     let end = |side: fn(&UrdfLimit) -> Option<f64>| joint.limit.as_ref().and_then(side).unwrap_or(0.0);
     let (lower, upper) = (end(|limit| limit.lower), end(|limit| limit.upper));
     match joint.kind {
         JointType::Revolute | JointType::Prismatic if lower <= upper => {
-            place_at(joint, within("limit", 0.0_f64.clamp(lower, upper), &bounds::POSITION)?)
+            within("limit", 0.0_f64.clamp(lower, upper), &bounds::POSITION)
         }
-        _ => pose(&joint.origin),
+        _ => Ok(0.0),
     }
 }
 
@@ -85,9 +86,23 @@ pub(super) fn friction(joint: &Joint) -> Result<Friction, Defect> {
     })
 }
 
+/// Whether a turning joint has position limits that no joint comes to, as some write it for one that turns without end.
+pub(super) fn is_endless(joint: &Joint) -> bool {
+    let beyond =
+        |end: Option<f64>| end.is_some_and(|end| end.is_finite() && end.abs() > bounds::POSITION_RAD_OR_M);
+    joint.kind == JointType::Revolute
+        && joint
+            .limit
+            .is_some_and(|limit| beyond(limit.lower) && beyond(limit.upper) && limit.lower < limit.upper)
+}
+
 /// The limits of a joint that moves; without `<limit>`, or with one of zeros as exporters write it for joints that turn
-/// without end, the greatest that any joint has.
-pub(super) fn limits(joint: &Joint, kind: JointKind) -> Result<JointLimits, Defect> {
+/// without end, the greatest that any joint has. Limits beyond those are none; `note` is told.
+pub(super) fn limits(
+    joint: &Joint,
+    kind: JointKind,
+    note: &mut dyn FnMut(String),
+) -> Result<JointLimits, Defect> {
     let zero = |value: Option<f64>| value.unwrap_or(0.0) == 0.0;
     let stated = joint
         .limit
@@ -100,19 +115,42 @@ pub(super) fn limits(joint: &Joint, kind: JointKind) -> Result<JointLimits, Defe
             effort: *bounds::EFFORT.end(),
         });
     };
-    let position = |key, value: Option<f64>, end: f64| match value.unwrap_or(0.0) {
+    let beyond = |key: &str, value: f64, greatest: f64| {
+        let (value, end) = (number(value), number(greatest));
+        format!("joint \"{}\": {key} {value} is taken as no limit: more than {end} has no joint", joint.name)
+    };
+    let mut position = |key, value: Option<f64>, end: f64| match value.unwrap_or(0.0) {
         _ if kind == JointKind::Continuous => Ok(end),
         value if value == end => Ok(end),
+        value
+            if value.is_finite()
+                && value.abs() > bounds::POSITION_RAD_OR_M
+                && value.signum() == end.signum() =>
+        {
+            note(beyond(key, value, bounds::POSITION_RAD_OR_M));
+            Ok(value.signum() * bounds::POSITION_RAD_OR_M)
+        }
         value => within(key, value, &bounds::POSITION),
-    };
-    let greatest = |key, value: f64, allowed: &RangeInclusive<f64>| match value {
-        f64::INFINITY => Ok(*allowed.end()),
-        0.0 => Ok(0.0), // refused where all limits are checked
-        value => within(key, value, allowed),
     };
     let needed = |attribute, value: Option<f64>| value.ok_or(Defect::MissingLimit { attribute });
     let lower = position("limit lower", limit.lower, f64::NEG_INFINITY)?;
     let upper = position("limit upper", limit.upper, f64::INFINITY)?;
+    if kind == JointKind::Continuous && is_endless(joint) {
+        note(format!(
+            "joint \"{}\": position limits of {} are taken as none: it turns without end",
+            joint.name,
+            number(limit.upper.unwrap_or(0.0))
+        ));
+    }
+    let mut greatest = |key, value: f64, allowed: &RangeInclusive<f64>| match value {
+        f64::INFINITY => Ok(*allowed.end()),
+        0.0 => Ok(0.0), // refused where all limits are checked
+        value if value.is_finite() && value > *allowed.end() => {
+            note(beyond(key, value, *allowed.end()));
+            Ok(*allowed.end())
+        }
+        value => within(key, value, allowed),
+    };
     let velocity = greatest("limit velocity", needed("velocity", limit.velocity)?, &bounds::VELOCITY)?;
     let effort = greatest("limit effort", needed("effort", limit.effort)?, &bounds::EFFORT)?;
     if lower >= upper {
@@ -160,7 +198,9 @@ mod tests {
 
     #[test]
     fn limits_by_version() {
-        let of = |version, inner: &str| limits(&of(version, "revolute", inner), JointKind::Revolute);
+        let of = |version, inner: &str| {
+            limits(&of(version, "revolute", inner), JointKind::Revolute, &mut |note| panic!("{note}"))
+        };
         let some = of("1.0", "<limit upper='1' velocity='2' effort='3'/>").unwrap();
         assert_eq!((some.lower, some.upper, some.velocity, some.effort), (0.0, 1.0, 2.0, 3.0));
         let greatest = of("1.0", "").unwrap();

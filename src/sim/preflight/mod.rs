@@ -21,8 +21,9 @@ pub use reach::{CameraPath, Posture, Reach};
 
 use crate::config::{Config, Scene};
 use crate::config::{DriveKind, SetPointKind, Task};
+use crate::drive::CommandMode;
 use crate::geometry::Pose;
-use crate::robot::{Mount, Robot, RobotError};
+use crate::robot::{JointDescription, Mount, Robot, RobotError};
 use crate::scene::{SceneMotion, Visibility};
 use crate::servo::Stability;
 use nalgebra::{Point3, SVector, Vector3};
@@ -50,6 +51,11 @@ pub struct Preflight {
     /// How far the law is from instability with what it believes of lens, mount, target and depth, (10.91); `None` for laws other than scheme
     /// D, and without a scene.
     pub stability: Option<Stability>,
+    /// Where gravity takes more of a joint than its effort limit, so that the arm cannot hold itself.
+    pub overload: Option<String>,
+    /// Joints whose rotor inertia the robot file does not tell, with what it is likely to be; `None` where nothing is missing, and for drives that are not commanded
+    /// by torques.
+    pub rotors: Option<String>,
     /// What was left out, and why.
     pub notes: Vec<&'static str>,
     /// Whether the object rests, so that what is seen now stays true.
@@ -132,6 +138,8 @@ impl Preflight {
             path: None,
             depth: law::depth(config),
             stability: None,
+            overload: None,
+            rotors: rotors(config),
             notes: notes(config),
             object_rests: config.scene.as_ref().is_none_or(|scene| scene.motion == SceneMotion::Still),
         };
@@ -152,6 +160,10 @@ impl Preflight {
             }
             _ => Reach::Unasked { why: "the desired features fix no pose of the camera" },
         };
+        let postures = [("start", Some(&q_start)), ("goal", q_goal.as_ref())];
+        let mut overloads = postures.into_iter().filter_map(|(place, q)| overload(robot, place, q?));
+        // A drive that is not commanded by torques holds the arm in its own way, with efforts that are limited all the same.
+        preflight.overload = if config.closes_the_loop() { overloads.next() } else { None };
         preflight.stability = stability::stability(config, robot, &q_start, q_goal.as_ref())?;
         Ok(preflight)
     }
@@ -183,7 +195,9 @@ impl Preflight {
         let way = self.way.iter().flat_map(words::doubts);
         let unstable = self.stability.iter().filter(|stability| stability.is_doubtful());
         let unstable = unstable.map(|stability| ("servo.depth", words::unstable(stability)));
-        cut.into_iter().chain(way).map(|message| ("servo.desired", message)).chain(unstable).collect()
+        let overload = self.overload.clone().map(|message| ("robot.model", message));
+        let doubts = cut.into_iter().chain(way).map(|message| ("servo.desired", message));
+        doubts.chain(unstable).chain(overload).collect()
     }
 
     /// What is wrong with the view at the goal, and whether that makes the run futile: a target that is tracked already goes on with
@@ -240,6 +254,32 @@ fn notes(config: &Config) -> Vec<&'static str> {
         }
     }
     notes
+}
+
+/// The rotor inertias that are missing in the robot file. They matter where torques are commanded: a light joint may have many times the inertia of its links.
+fn rotors(config: &Config) -> Option<String> {
+    let missing = |joint: &&JointDescription| joint.armature == 0.0 && joint.motor.is_none();
+    let likely = |joint: &JointDescription| format!("{} {:.2}", joint.name, joint.limits.likely_rotor());
+    let joints: Vec<_> = config.robot.joints.iter().filter(missing).map(likely).collect();
+    let matters = config.closes_the_loop() && config.drive.mode == CommandMode::Torque && !joints.is_empty();
+    matters.then(|| {
+        format!(
+            "the robot file tells no rotor inertia, and torques are planned without any; give armature_kg_m2 in [[urdf.joint]], or a motor. Likely from the effort and \
+             velocity limits, within a factor of 2.5 (kg m^2 or kg): {}",
+            joints.join(", ")
+        )
+    })
+}
+
+/// The first joint that gravity turns away against its whole effort in `q`, at the `place` of the run.
+fn overload<const N: usize>(robot: &Robot<N>, place: &str, q: &SVector<f64, N>) -> Option<String> {
+    let gravity = robot.gravity(q);
+    let i = (0..N).find(|i| gravity[*i].abs() > robot.limits()[*i].effort)?;
+    let (name, needs, effort) = (&robot.joint_names()[i], gravity[i].abs(), robot.limits()[i].effort);
+    Some(format!(
+        "at the {place} gravity needs {needs:.4} N m or N of joint \"{name}\", whose effort limit is {effort}: the arm cannot hold itself; \
+         correct the limit, the masses or gravity_m_s2"
+    ))
 }
 
 /// What the camera really sees before the arm moves.

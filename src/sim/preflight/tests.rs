@@ -194,3 +194,23 @@ fn what_can_be_found_is_found_and_nothing_else() {
     assert!(clear && wrong.len() <= 5, "of {tried}: {found} found, {cut} said to be cut: {wrong:?}");
     assert!(cut > 20 && found > 200, "{cut} cut, {found} found");
 }
+
+/// A payload that is told and that the shoulder cannot hold against gravity: the joint, the place and both numbers.
+#[test]
+fn gravity_beyond_an_effort_limit_is_told() {
+    assert_eq!(preflight("ur5.toml", &[]).overload, None);
+    let heavy = preflight("ur5.toml", &["tool.mass_kg=60", "tool.com_m=[0.0, 0.0, 0.1]"]);
+    let message = heavy.overload.clone().unwrap();
+    assert!(message.contains("at the start gravity needs") && message.contains("shoulder_lift"), "{message}");
+    assert!(message.contains("effort limit is 150"), "{message}");
+    assert!(heavy.doubts().iter().any(|(key, told)| *key == "robot.model" && *told == message));
+}
+
+/// What is missing is told with the key that gives it, and only where it matters. The figures by hand: 0.02 s times the effort over the speed.
+#[test]
+fn rotors_that_no_file_tells_are_told() {
+    let told = preflight("ur5.toml", &[]).rotors.unwrap();
+    assert!(told.contains("armature_kg_m2") && told.contains("shoulder_pan_joint 0.95"), "{told}");
+    assert!(told.contains("wrist_3_joint 0.18"), "{told}");
+    assert_eq!(preflight("ur5.toml", &["drive.mode=position"]).rotors, None);
+}

@@ -27,6 +27,7 @@ pub(super) fn lines(preflight: &Preflight) -> Vec<String> {
     if let Some([condition, slowest]) = preflight.stability.as_ref().map(stability) {
         lines.extend([format!("  law:   {condition}"), format!("         {slowest}")]);
     }
+    lines.extend(preflight.rotors.iter().map(|rotors| format!("  rotor: {rotors}")));
     lines.extend(preflight.notes.iter().map(|note| format!("  note:  {note}")));
     lines
 }

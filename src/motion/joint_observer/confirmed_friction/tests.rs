@@ -53,6 +53,7 @@ fn pushed(inertia: f64, scale: f64, width: f64, load: f64, delay: usize) -> Push
             inertia: INERTIA,
             requested: wanted,
             speed: 0.5 * (v + next),
+            rests: probing,
             noise: (0.0, 0.0),
         };
         confirmed.note(0, &MODEL, &response);
@@ -113,6 +114,7 @@ fn a_model_without_friction_or_inertia_is_not_probed() {
         inertia: 1.0,
         requested: 0.0,
         speed: 0.0,
+        rests: true,
         noise: (0.0, 0.0),
     };
     for model in [Friction::default(), Friction { viscous: 1.0, coulomb: 1.9 }] {
