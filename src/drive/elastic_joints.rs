@@ -90,21 +90,22 @@ impl<const N: usize> ElasticJoints<N> {
         let rubs =
             SVector::from_fn(|i, _| friction.map_or(0.0, |hard| rubbed(hard, &robot.friction()[i], v[i])));
         // Positions of motors and links, then their velocities.
-        type State<const N: usize> = [SVector<f64, N>; 4];
-        let rate = |x: &State<N>| -> State<N> {
+        type JointStates<const N: usize> = [SVector<f64, N>; 4];
+        let rate = |x: &JointStates<N>| -> JointStates<N> {
             let spring =
                 self.stiffness.component_mul(&(x[0] - x[1])) + self.damping.component_mul(&(x[2] - x[3]));
             let motors = (tau - rubs - spring).component_div(&self.rotor);
             [x[2], x[3], motors, robot.forward_dynamics(&x[1], &x[3], &(spring + outside))]
         };
-        let plus =
-            |x: &State<N>, k: &State<N>, h: f64| -> State<N> { std::array::from_fn(|i| x[i] + k[i] * h) };
-        let x: State<N> = [self.theta, *q, v, *qd];
+        let plus = |x: &JointStates<N>, k: &JointStates<N>, h: f64| -> JointStates<N> {
+            std::array::from_fn(|i| x[i] + k[i] * h)
+        };
+        let x: JointStates<N> = [self.theta, *q, v, *qd];
         let k1 = rate(&x);
         let k2 = rate(&plus(&x, &k1, h / 2.0));
         let k3 = rate(&plus(&x, &k2, h / 2.0));
         let k4 = rate(&plus(&x, &k3, h));
-        let end: State<N> =
+        let end: JointStates<N> =
             std::array::from_fn(|i| x[i] + (k1[i] + (k2[i] + k3[i]) * 2.0 + k4[i]) * (h / 6.0));
         let [theta, links, smooth, links_d] = end;
         (*q, *qd) = (links, links_d);
@@ -115,7 +116,14 @@ impl<const N: usize> ElasticJoints<N> {
                 after(hard, &robot.friction()[i], v[i], momentum, self.rotor[i], h)
             }),
         };
+        let before = self.theta;
         self.theta = theta + (self.theta_d - smooth) * (h / 2.0);
+        if friction.is_some_and(|hard| hard.is_some()) {
+            // What is held does not creep, not even by the last digits.
+            (0..N)
+                .filter(|i| v[*i] == 0.0 && self.theta_d[*i] == 0.0)
+                .for_each(|i| self.theta[i] = before[i]);
+        }
     }
 }
 

@@ -32,7 +32,7 @@ const MEAN_TICKS: u32 = 8;
 /// Standard deviation of a constant torque that the model leaves out, as a share of the largest effort. Chosen by hand: half of what a rated payload takes, which standing
 /// arms learn within 30 ms.
 const CONSTANT: f64 = 0.05;
-/// Of inertia, as a share of the largest effort at 1 rad/s^2 or m/s^2: the value and the reason of the estimator of payloads.
+/// Of inertia, as a share of the largest effort at 1 rad/s^2 or m/s^2. Chosen by hand, as for the estimator of payloads: a rotor takes up to a hundredth.
 const ROTOR: f64 = 0.01;
 /// Of Coulomb friction, and of viscous friction at 1 rad/s, as a share of the largest effort, beside all of what the model has. Chosen by hand: arms with untold
 /// friction of 5 % are known.
@@ -67,7 +67,12 @@ const STATIC: f64 = 1.5;
 /// joint turned back, with 0.3 none but of faulting arms passed 6.6, with 0.1 none passed 4.4, and a touch of 15 N m on ideal arms took 22 instead of 15 ms.
 const PATIENT: f64 = 0.3;
 
-/// Constant, inertia, Coulomb friction, viscous friction, delay.
+/// Coulomb friction of a joint that has not moved yet, as a share of its largest effort: the 12 % up to which friction that no file tells is looked for. A joint that has moved by [`LOOSE`] shows what it has.
+const UNTOLD: f64 = 0.12;
+/// Way from which on a joint has moved, rad or m. Chosen by hand: five times that after which a joint that resists is probed.
+const LOOSE: f64 = 5e-3;
+
+/// Constant, inertia, Coulomb friction, viscous friction, delay: derived, their number.
 const TERMS: usize = 5;
 type Terms = SVector<f64, TERMS>;
 
@@ -94,6 +99,9 @@ struct JointResidual {
     external: f64,
     variance: f64,
     held: f64,
+    /// Where the joint was first, rad or m, and whether it has moved from there.
+    from: Option<f64>,
+    is_loose: bool,
     /// Way since the joint learnt last, rad or m.
     way: f64,
     /// Largest effort, N m or N, and the variance of what coarse encoders hide.
@@ -123,6 +131,8 @@ impl<const N: usize> ExternalTorqueObserver<N> {
                 external: 0.0,
                 variance: noise + sd[0] * sd[0],
                 held: 0.0,
+                from: None,
+                is_loose: false,
                 way: 0.0,
                 effort,
                 hidden,
@@ -153,7 +163,8 @@ impl<const N: usize> ExternalTorqueObserver<N> {
             joint.modelled += share * (modelled[i] - joint.modelled);
             joint.steady += (joint.modelled - joint.steady) * h / VARYING_S;
             joint.way += (q[i] - q_before[i]).abs();
-            joint.held = STATIC * robot.friction()[i].coulomb * (1.0 - joint.x[2].abs()).max(0.0);
+            joint.is_loose |= (q[i] - *joint.from.get_or_insert(q[i])).abs() > LOOSE;
+            joint.held = joint.holds(robot.friction()[i].coulomb);
             joint.judge(doubt[i]);
             if i == turn && self.ticks >= SETTLES {
                 joint.learn(doubt[i]);
@@ -204,6 +215,13 @@ impl JointResidual {
     fn doubt(&self, payload: f64) -> f64 {
         let coupled = COUPLED * self.effort * self.x[1];
         payload + (MODEL * (self.modelled - self.steady)).powi(2) + coupled * coupled
+    }
+
+    /// The torque by which friction may hold the joint, where `coulomb` is that of the model, N m or N.
+    fn holds(&self, coulomb: f64) -> f64 {
+        let untold = if self.is_loose { 0.0 } else { UNTOLD * self.effort };
+        let coulomb = coulomb.max(-self.model.learnt(2)).max(untold);
+        STATIC * coulomb * (1.0 - self.x[2].abs()).max(0.0)
     }
 
     fn judge(&mut self, payload: f64) {

@@ -231,7 +231,7 @@ impl<const N: usize> PayloadEstimator<N> {
         let sample = *sample;
         self.sample = None;
         self.learn(&sample);
-        let Estimate { payload: wanted, is_clear, covariance } = self.estimate();
+        let PayloadEstimate { payload: wanted, is_clear, covariance } = self.estimate();
         self.is_confirmed |= is_clear;
         let mean = *self.mean_Y.get_or_insert(self.Y);
         let varied = self.Y - mean;
@@ -283,11 +283,11 @@ impl<const N: usize> PayloadEstimator<N> {
 
     /// Mass and first moment, the latter nearer to zero by [`SURE`] standard deviations, and whether they explain the torques clearly better than
     /// none.
-    fn estimate(&self) -> Estimate {
+    fn estimate(&self) -> PayloadEstimate {
         let (m, h) = (PRIOR_KG.powi(-2), PRIOR_KG_M.powi(-2));
         let A = self.information + Matrix4::from_diagonal(&Vector4::new(m, h, h, h));
         let Some(factors) = Ldlt::of(&A) else {
-            return Estimate { payload: self.believed, is_clear: false, covariance: Matrix4::zeros() };
+            return PayloadEstimate { payload: self.believed, is_clear: false, covariance: Matrix4::zeros() };
         };
         let found: Vector4<f64> = factors.solve(&self.right.into()).into();
         let explained = self.right.dot(&found);
@@ -300,12 +300,12 @@ impl<const N: usize> PayloadEstimator<N> {
         let mass = found[0].clamp(0.0, MOST_KG);
         let far = sure.fixed_rows::<3>(1).norm();
         let h = sure.fixed_rows::<3>(1) * (FARTHEST_M * mass / far.max(f64::MIN_POSITIVE)).min(1.0);
-        Estimate { payload: Vector4::new(mass, h.x, h.y, h.z), is_clear, covariance }
+        PayloadEstimate { payload: Vector4::new(mass, h.x, h.y, h.z), is_clear, covariance }
     }
 }
 
 /// What the torques say of the payload.
-struct Estimate {
+struct PayloadEstimate {
     /// Mass and first moment.
     payload: Vector4<f64>,
     /// Whether it explains the torques clearly better than none.

@@ -26,13 +26,13 @@ pub(super) struct ResidualModel<const T: usize> {
     /// Share of the best gain with which all but the first term is learnt.
     patient: f64,
     /// The last samples, the oldest at `next`.
-    held_back: [Option<Sample<T>>; HELD_BACK],
+    held_back: [Option<ResidualSample<T>>; HELD_BACK],
     next: usize,
 }
 
 /// A residual with its terms.
 #[derive(Debug, Clone, Copy)]
-struct Sample<const T: usize> {
+struct ResidualSample<const T: usize> {
     r: f64,
     x: SVector<f64, T>,
     /// Variance beside those of terms and noise, the least variance of the noise, and by how much the first term may have changed before, as a variance.
@@ -60,6 +60,11 @@ impl<const T: usize> ResidualModel<T> {
         (r - x.dot(&self.theta), (self.P * x).dot(x) + self.noise + self.drifted())
     }
 
+    /// What was learnt of the term `k`.
+    pub(super) fn learnt(&self, k: usize) -> f64 {
+        self.theta.get(k).copied().unwrap_or(0.0)
+    }
+
     /// By how much the first term may have changed since the last sample that was learnt from.
     fn drifted(&self) -> f64 {
         self.held_back.iter().flatten().map(|sample| sample.drift).sum()
@@ -76,7 +81,7 @@ impl<const T: usize> ResidualModel<T> {
     /// Takes in the residual `r` with the terms `x`, and learns from an earlier one. `doubt` is a variance beside those of terms and noise, the noise has at least the
     /// variance `least`, and the first term may have changed since the last sample by something with the variance `drift`.
     pub(super) fn take(&mut self, r: f64, x: &SVector<f64, T>, doubt: f64, least: f64, drift: f64) {
-        let sample = Sample { r, x: *x, doubt, least, drift };
+        let sample = ResidualSample { r, x: *x, doubt, least, drift };
         let oldest = self.held_back.get_mut(self.next).and_then(|place| place.replace(sample));
         self.next = (self.next + 1) % HELD_BACK;
         if let Some(oldest) = oldest {
@@ -84,8 +89,8 @@ impl<const T: usize> ResidualModel<T> {
         }
     }
 
-    fn learn(&mut self, sample: &Sample<T>) {
-        let Sample { r, x, doubt, least, drift } = *sample;
+    fn learn(&mut self, sample: &ResidualSample<T>) {
+        let ResidualSample { r, x, doubt, least, drift } = *sample;
         if let Some(variance) = self.P.get_mut(0) {
             *variance += drift;
         }
@@ -145,7 +150,7 @@ mod tests {
         for k in 0..200 {
             model.take(0.1 * random.gaussian(), &x(k), 0.0, 1e-6, 0.0);
         }
-        for k in 0..50 {
+        for k in 0..10 {
             model.take(5.0, &x(k), 0.0, 1e-6, 0.0);
         }
         let (excess, variance) = model.excess(5.0, &x(3));

@@ -133,7 +133,7 @@ fn an_arm_that_releases_goes_back_from_the_wall() {
 }
 
 #[test]
-fn a_joint_that_jams_in_its_way_is_told_within_a_tenth_of_a_second() {
+fn a_joint_that_jams_is_told_within_a_tenth_of_a_second() {
     for (file, joint) in [("ur5", 0), ("ur5", 1), ("panda", 1)] {
         for mode in ["torque", "velocity", "position"] {
             let jam = format!("drive.simulated.jam={{joint={joint},from_s=0.3}}");

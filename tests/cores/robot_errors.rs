@@ -275,7 +275,7 @@ fn a_mimic_behind_the_tip_keeps_its_ratio_and_offset() {
 
 /// All joints beside the chain are named at once, with a file that holds them and is read.
 #[test]
-fn joints_beside_the_chain_are_named_with_the_file_that_holds_them() {
+fn joints_beside_the_chain_are_named_with_what_holds_them() {
     let beside = |name: &str, parent: &str| {
         format!(
             "<link name=\"{name}\">{FORE_INERTIAL}</link><joint name=\"{name}_joint\" type=\"continuous\"><parent link=\"{parent}\"/>\

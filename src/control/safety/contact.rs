@@ -174,7 +174,7 @@ mod tests {
     use nalgebra::Vector6;
 
     #[test]
-    fn a_force_at_the_flange_is_found_from_the_torques_of_the_joints() {
+    fn a_force_at_the_flange_is_found_from_the_joints_torques() {
         let robot: Robot<6> = crate::robot::load("ur5").unwrap().build().unwrap();
         let q = Vector6::new(0.4, -1.4, 1.3, -1.0, -1.5, 0.3);
         for wanted in [Vector3::new(30.0, 0.0, 0.0), Vector3::new(-5.0, 12.0, 40.0)] {

@@ -42,12 +42,12 @@ fn ran(payload_kg: f64, joint: usize, torque: f64, seed: u64) -> (f64, Option<us
 }
 
 #[test]
-fn a_touch_of_a_tenth_of_the_effort_is_told_within_ten_ticks() {
+fn a_touch_of_a_tenth_of_the_effort_is_told_within_60_ms() {
     for (payload_kg, joint, torque) in [(0.0, 0, 15.0), (0.0, 2, -15.0), (3.0, 1, 25.0), (3.0, 3, 5.0)] {
         let (before, found, external) = ran(payload_kg, joint, torque, 3);
         assert!(before < 6.0, "{payload_kg} kg: {before}");
         let at = found.unwrap_or(usize::MAX);
-        assert!(at <= 10, "{payload_kg} kg, joint {joint}: {at}");
+        assert!(at <= 60, "{payload_kg} kg, joint {joint}: {at}");
         assert!((external[joint] / torque - 1.0).abs() < 0.5, "{torque}: {external}");
     }
 }

@@ -143,6 +143,13 @@ impl<const N: usize> JointController<N> {
         }
     }
 
+    /// While soft: goes on learning disturbances, or keeps them as they are.
+    pub fn learn_in_fault(&mut self, learns: bool) {
+        if self.soft {
+            self.observer.pause(!(self.damps || learns));
+        }
+    }
+
     /// Whether motion is damped, whatever the reference.
     #[must_use]
     pub fn damps(&self) -> bool {
