@@ -20,8 +20,10 @@ const DELAY_S: f64 = 0.02;
 /// Standard deviation of a lag without any reason at the start, and the least that is ever believed, rad or m. Chosen by hand: friction that a drive
 /// takes up in its first motion, and a tenth of the millimetre that a robot repeats to.
 const NOISE: f64 = 1e-3;
+/// Lag that a drive takes up by itself under a load that its maker does not know, rad or m, beside the noise. Chosen by hand: light wrists with payloads of 1 to 2 kg lag by 10 mrad.
+const TAKES_UP: f64 = 0.02;
 /// The least of it. Chosen by hand, as told there.
-const LEAST_NOISE: f64 = 2e-4;
+const LEAST_NOISE: f64 = 4e-4;
 /// Variance by which a constant lag may change in a second, rad^2 or m^2. Chosen by hand: friction that changes within some seconds.
 const DRIFT_1_S: f64 = 1e-7;
 
@@ -71,7 +73,8 @@ impl<const N: usize> DriveLagObserver<N> {
             joint.lag =
                 lag.map_or_else(|| joint.lag * (1.0 - h / FORGET_S) + qd_r[i] * h - moved[i], |lag| lag[i]);
             let x = Vector3::new(1.0, qd_r[i], (qd_r[i] - before[i]) / h);
-            let step = self.step[i] * self.step[i];
+            // Two readings are off by a step each, and noise comes beside it.
+            let step = 4.0 * self.step[i] * self.step[i];
             let (excess, variance) = joint.model.excess(joint.lag, &x);
             (joint.excess, joint.variance) = (excess, variance + step);
             if i == (self.ticks % LEARNS_EVERY) as usize {
@@ -88,10 +91,13 @@ impl<const N: usize> DriveLagObserver<N> {
         SVector::from_fn(|i, _| self.joints[i].excess)
     }
 
-    /// The same in standard deviations.
+    /// By how many standard deviations that is more than what a drive takes up under a load.
     #[must_use]
     pub fn excess(&self) -> SVector<f64, N> {
-        SVector::from_fn(|i, _| self.joints[i].excess.abs() / self.joints[i].variance.sqrt())
+        SVector::from_fn(|i, _| {
+            let joint = &self.joints[i];
+            (joint.excess.abs() - TAKES_UP).max(0.0) / joint.variance.sqrt()
+        })
     }
 
     /// Begins anew with what was learnt: commands and arm were brought together.
@@ -134,7 +140,7 @@ mod tests {
                 assert_eq!(told(delay, tau_s, 1.0, usize::MAX, by_position), None, "{delay} {tau_s}");
                 let stop = 2000;
                 let at = told(delay, tau_s, 1.0, stop, by_position).unwrap();
-                assert!((stop..stop + 30).contains(&at), "{delay} {tau_s}: {at}");
+                assert!((stop..stop + 200).contains(&at), "{delay} {tau_s}: {at}");
             }
         }
         assert_eq!(told(1, 5e-3, 0.97, usize::MAX, false), None, "velocities that are 3 % short");

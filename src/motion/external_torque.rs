@@ -120,7 +120,8 @@ impl<const N: usize> ExternalTorqueObserver<N> {
             let viscous = friction.viscous + FRICTION * effort;
             let sd = Terms::new(CONSTANT * effort, ROTOR * effort, coulomb, viscous, DELAY_S);
             let theta = Terms::new(0.0, 0.0, -friction.coulomb, -friction.viscous, 0.0);
-            let hidden = hidden[i] * hidden[i];
+            // Twice, because the residual's terms are noisy too.
+            let hidden = 4.0 * hidden[i] * hidden[i];
             let noise = (NOISE * effort).powi(2) + hidden;
             JointResidual {
                 model: ResidualModel::new(theta, &sd, noise, PATIENT),

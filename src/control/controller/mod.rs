@@ -417,7 +417,8 @@ impl<const N: usize> Controller<N> {
                 self.joint_control.damp(qd.amax() > SLOW || self.floats());
             }
             // What sinks slowly is not held by what was learnt before: it is learnt on, until it stands.
-            self.joint_control.learn_in_fault(!self.rest_watch.is_at_rest());
+            let pressed = self.fault == Some(Fault::Contact);
+            self.joint_control.learn_in_fault(!pressed && !self.rest_watch.is_at_rest());
             return None;
         }
         let behind = self.watch.follow(&state.q, &motion.way);
