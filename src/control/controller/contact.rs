@@ -85,6 +85,11 @@ impl<const N: usize> Controller<N> {
         self.fault == Some(Fault::Contact) && self.reaction == ContactReaction::Float
     }
 
+    /// Whether the arm moves on in a fault: what sinks slowly is not held by what was learnt before; what pressed against something is.
+    pub(super) fn sinks(&self) -> bool {
+        self.fault != Some(Fault::Contact) && !self.rest_watch.is_at_rest()
+    }
+
     /// The contact that stopped the arm last.
     #[must_use]
     pub fn contact(&self) -> Option<Contact> {

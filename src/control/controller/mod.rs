@@ -416,9 +416,7 @@ impl<const N: usize> Controller<N> {
                 self.reference.reset_to_measured(&state.q, qd);
                 self.joint_control.damp(qd.amax() > SLOW || self.floats());
             }
-            // What sinks slowly is not held by what was learnt before: it is learnt on, until it stands.
-            let pressed = self.fault == Some(Fault::Contact);
-            self.joint_control.learn_in_fault(!pressed && !self.rest_watch.is_at_rest());
+            self.joint_control.learn_in_fault(self.sinks());
             return None;
         }
         let behind = self.watch.follow(&state.q, &motion.way);
