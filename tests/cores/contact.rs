@@ -1,6 +1,8 @@
 //! Something touches an arm that servoes: it is noticed, and the arm stops, goes back or floats, in every mode of the drive. The arm, its wall and its jam are
 //! those of the simulated drive; forces are computed here from the flange's true position.
 
+#![allow(clippy::unwrap_used, clippy::print_stdout)] // helpers of tests; numbers for people
+
 use nalgebra::{SVector, Vector3};
 use std::ops::ControlFlow;
 use std::path::Path;
