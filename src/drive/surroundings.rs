@@ -56,8 +56,7 @@ pub struct Surroundings {
 
 impl Surroundings {
     /// The force on the flange's origin in B at the time `t_s`, N.
-    #[must_use]
-    pub fn force<const N: usize>(
+    fn force<const N: usize>(
         &self,
         robot: &Robot<N>,
         (q, qd): (&SVector<f64, N>, &SVector<f64, N>),
@@ -92,9 +91,7 @@ impl Surroundings {
     /// Jams the joint of `robot` whose time has come, which then stands; once.
     pub(super) fn jam<const N: usize>(&mut self, robot: &mut Robot<N>, qd: &mut SVector<f64, N>, t_s: f64) {
         if let Some(jam) = self.jam.take_if(|jam| t_s >= jam.from_s && jam.joint < N) {
-            let mut armature = SVector::zeros();
-            armature[jam.joint] = JAMMED;
-            *robot = robot.clone().with_armature(&armature);
+            robot.add_armature(jam.joint, JAMMED);
             qd[jam.joint] = 0.0;
         }
     }

@@ -8,7 +8,7 @@
 //! ```
 //! `T` and `S` are [learnt](super::residual_model) for each joint, like the noise. A joint that something stops falls behind by more than that at once.
 
-use super::residual_model::ResidualModel;
+use super::residual_model::{LEARNS_EVERY, ResidualModel};
 use crate::time::TICK;
 use nalgebra::{SVector, Vector3};
 
@@ -20,15 +20,13 @@ const DELAY_S: f64 = 0.02;
 /// Standard deviation of a lag without any reason at the start, and the least that is ever believed, rad or m. Chosen by hand: friction that a drive
 /// takes up in its first motion, and a tenth of the millimetre that a robot repeats to.
 const NOISE: f64 = 1e-3;
-/// Lag that a drive takes up by itself under a load that its maker does not know, rad or m, beside the noise. Chosen by hand: light wrists with payloads of 1 to 2 kg lag by 10 mrad.
+/// Lag that a drive takes up by itself under a load that its maker does not know, rad or m, beside the noise. Chosen by hand: with none of it 10 of 16 runs of Panda and xArm7 in the modes
+/// velocity and position, with payloads of 1 or 2 kg, coarse encoders and late commands, were stopped by nothing; with this none.
 const TAKES_UP: f64 = 0.02;
 /// The least of it. Chosen by hand, as told there.
 const LEAST_NOISE: f64 = 4e-4;
 /// Variance by which a constant lag may change in a second, rad^2 or m^2. Chosen by hand: friction that changes within some seconds.
 const DRIFT_1_S: f64 = 1e-7;
-
-/// Ticks from one sample of a joint to the next, one joint after the other. Chosen as for torques.
-const LEARNS_EVERY: u32 = 8;
 
 /// The observer of the lags of `N` joints.
 #[derive(Debug, Clone)]

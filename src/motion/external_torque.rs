@@ -15,7 +15,8 @@
 //! a constant (load, masses), inertia (rotors that no file tells), Coulomb and viscous friction, and the delay from command to effect. What this prediction leaves is
 //! the external torque. Its variance is that of the prediction and of the noise, and of what a payload takes that is not known.
 
-use super::residual_model::ResidualModel;
+use super::payload_estimator::{MOVES, ROTOR};
+use super::residual_model::{LEARNS_EVERY, ResidualModel};
 use crate::robot::Robot;
 use crate::time::TICK;
 use nalgebra::SVector;
@@ -25,15 +26,11 @@ use nalgebra::SVector;
 const GAIN_RAD_S: f64 = 120.0;
 /// Ticks until the residual of what was there before counts no more: six time constants of the observer. Derived from [`GAIN_RAD_S`]: e^-6 is 0.25 %.
 const SETTLES: u32 = 50;
-/// Ticks from one sample of a joint to the next, one joint after the other. Derived: the observer's time constant, after which its noise is new; arms have at most as many joints.
-const LEARNS_EVERY: u32 = 8;
 /// Ticks of the mean that the observer comes to, for the noise of encoders. Derived: its time constant.
 const MEAN_TICKS: u32 = 8;
 /// Standard deviation of a constant torque that the model leaves out, as a share of the largest effort. Chosen by hand: half of what a rated payload takes, which standing
 /// arms learn within 30 ms.
 const CONSTANT: f64 = 0.05;
-/// Of inertia, as a share of the largest effort at 1 rad/s^2 or m/s^2. Chosen by hand, as for the estimator of payloads: a rotor takes up to a hundredth.
-const ROTOR: f64 = 0.01;
 /// Of Coulomb friction, and of viscous friction at 1 rad/s, as a share of the largest effort, beside all of what the model has. Chosen by hand: arms with untold
 /// friction of 5 % are known.
 const FRICTION: f64 = 0.03;
@@ -57,8 +54,6 @@ const DRIFT_PER_RAD: f64 = 0.1;
 const POSTURE: f64 = 0.1;
 /// How far it may drift in the square root of a second. Chosen by hand: warm gears.
 const DRIFT_1_S: f64 = 0.01;
-/// Speed below which a joint may be held by its friction, rad/s or m/s. Derived: five times the width over which smooth models change its sign.
-const MOVES: f64 = 5e-3;
 /// Static friction over the friction of motion, at most. Chosen by hand: 1.2 to 1.5 is usual.
 const STATIC: f64 = 1.5;
 
@@ -120,7 +115,7 @@ impl<const N: usize> ExternalTorqueObserver<N> {
             let viscous = friction.viscous + FRICTION * effort;
             let sd = Terms::new(CONSTANT * effort, ROTOR * effort, coulomb, viscous, DELAY_S);
             let theta = Terms::new(0.0, 0.0, -friction.coulomb, -friction.viscous, 0.0);
-            // Twice, because the residual's terms are noisy too.
+            // Twice, because the residual's terms are noisy too: with once an xArm7 with encoder steps of 5e-4 was stopped by nothing.
             let hidden = 4.0 * hidden[i] * hidden[i];
             let noise = (NOISE * effort).powi(2) + hidden;
             JointResidual {

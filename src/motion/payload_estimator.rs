@@ -31,7 +31,7 @@ const PRIOR_KG_M: f64 = 0.3;
 const EFFORT: f64 = 0.02;
 /// Inertia of a joint that no file tells, times acceleration, as a share of its largest effort at 1 rad/s^2 or m/s^2: chosen by hand, because joints are built to
 /// accelerate at some 100 rad/s^2 at most, so a rotor takes up to a hundredth.
-const ROTOR: f64 = 0.01;
+pub(super) const ROTOR: f64 = 0.01;
 /// Way after which the errors of a joint are new, rad or m. Chosen by hand: the play and the teeth of gears repeat on shorter ones.
 const WAY: f64 = 0.05;
 /// Largest weight of one window: one that is disturbed by something else has three others beside it.
@@ -66,7 +66,7 @@ const HOLDS: f64 = 0.97;
 /// Share before [`HOLDS`] in which the arm becomes slower. Chosen by hand, as told there.
 const FADES: f64 = 0.15;
 /// Speed beyond which a joint has its whole Coulomb friction, rad/s or m/s. Derived: five times the width over which smooth models change its sign. At rest a joint that sticks may bear any part of it.
-const MOVES: f64 = 5e-3;
+pub(super) const MOVES: f64 = 5e-3;
 
 /// What the joints did in a tick.
 pub(super) struct JointTick<const N: usize> {

@@ -13,6 +13,8 @@ use nalgebra::{SMatrix, SVector};
 const DOUBTED: f64 = 3.0;
 /// Samples that are held back. Chosen by hand: six of 8 ms are 48 ms, in which a contact that begins gently is noticed before it is learnt.
 const HELD_BACK: usize = 6;
+/// Ticks from one sample of a joint to the next, one joint after the other. Derived: the time constant of the observer of torques, after which its noise is new; arms have at most as many joints.
+pub(super) const LEARNS_EVERY: u32 = 8;
 /// Share of a new square in the variance of the noise: a memory of 50 updates. Chosen by hand.
 const FORGET: f64 = 0.02;
 
@@ -72,8 +74,9 @@ impl<const T: usize> ResidualModel<T> {
 
     /// The first term has changed by something with the variance `change`: samples of before say nothing of it.
     pub(super) fn change(&mut self, change: f64) {
+        let drifted = self.drifted();
         if let Some(variance) = self.P.get_mut(0) {
-            *variance += change + self.held_back.iter().flatten().map(|sample| sample.drift).sum::<f64>();
+            *variance += change + drifted;
         }
         self.held_back = [None; HELD_BACK];
     }

@@ -194,6 +194,13 @@ impl<const N: usize> Robot<N> {
         })
     }
 
+    /// Adds `armature` (kg m^2 or kg) to the inertia of the joint `i`, counted from 0, as [`Self::with_armature`] does.
+    pub(crate) fn add_armature(&mut self, i: usize, armature: f64) {
+        if let Some(body) = self.bodies.get_mut(i) {
+            body.rotor_own += armature;
+        }
+    }
+
     /// The same arm with `armature` (kg m^2 or kg) more on each entry of the diagonal of B(q): the inertia of rotors as their joints feel it.
     #[must_use]
     pub fn with_armature(mut self, armature: &SVector<f64, N>) -> Self {

@@ -106,13 +106,11 @@ fn waiting_for_a_drive_that_never_comes_can_be_stopped() {
 /// A wrist under a controller that is too stiff for late commands swings about its reference: it is told as that, and brought to rest.
 #[test]
 fn a_joint_that_swings_about_its_reference_is_a_fault() {
-    let stiff = ["motion.natural_frequency_rad_s=150", "drive.simulated.command_delay_ticks=5"];
+    let stiff = ["motion.natural_frequency_rad_s=150", "drive.simulated.command_delay_ticks=4"];
     let mut args = vec!["xarm7", "--clock", "lockstep", "--duration-s", "15"];
     stiff.iter().for_each(|value| args.extend(["--set", value]));
     let r = run("swing", &args);
     assert_eq!(r.summary["outcome"], "fault", "{}", r.text());
-    let reason = r.summary["reason"].as_str().unwrap();
-    let told = ["oscillates", "farther from its reference"];
-    assert!(told.iter().any(|told| reason.contains(told)), "{reason}");
+    assert!(r.summary["reason"].as_str().unwrap().contains("oscillates"), "{}", r.summary["reason"]);
     assert_eq!(r.summary["safety"]["state"], "fault", "it stands");
 }

@@ -36,16 +36,14 @@ impl<const N: usize> Controller<N> {
     pub(super) fn feel(&mut self, now: MonoNs, observed: Option<&DriveState<N>>) {
         let command = self.gate.passed();
         let did = observed.filter(|_| self.gate.is_open()).map(|state| (state, &command));
-        self.contact_watch.note(&self.arm.robot, &mut self.joint_control, did);
-        let Some(state) = observed.filter(|_| self.state.moves() && self.fault.is_none()) else { return };
+        self.contact_watch.note(now, &self.arm.robot, &mut self.joint_control, did);
         if self.reaction == ContactReaction::Ignore {
             // What pushes the arm is no property of it: it would swing back by what was learnt.
             self.joint_control.pause_learning(self.contact_watch.is_touched());
             return;
         }
-        if self.failure.is_some() {
-            return;
-        }
+        let acts = self.state.moves() && self.fault.is_none() && self.failure.is_none();
+        let Some(state) = observed.filter(|_| acts) else { return };
         let robot = self.joint_control.carrying(&self.arm.robot);
         if let Some(contact) = self.contact_watch.contact(robot, &state.q) {
             self.contact = Some(contact);

@@ -199,7 +199,7 @@ impl<const N: usize> Controller<N> {
     /// Restarts the supervision of following, because the state of the drive is an old one.
     pub fn follow_anew(&mut self) {
         self.watch.restart();
-        self.contact_watch.restart();
+        self.contact_watch.late();
     }
 
     /// One tick: takes the drive's state and a measurement, if a new one has come, and gives the command for the

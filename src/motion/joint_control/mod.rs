@@ -138,12 +138,9 @@ impl<const N: usize> JointController<N> {
     /// motion and friction of the model are left out, because a wrong model could drive the arm.
     pub fn damp(&mut self, damps: bool) {
         self.damps = damps && self.soft;
-        if self.soft {
-            self.observer.pause(!self.damps);
-        }
     }
 
-    /// While soft: goes on learning disturbances, or keeps them as they are.
+    /// While soft: goes on learning disturbances, as while it damps, or keeps them as they are.
     pub fn learn_in_fault(&mut self, learns: bool) {
         if self.soft {
             self.observer.pause(!(self.damps || learns));

@@ -17,6 +17,7 @@ const DAMPED: f64 = 0.2;
 /// Stiffness and damping beyond those of the law, as multiples of them, of joints that stick by friction that their file does not tell, where no viscous friction is known
 /// that could be compensated: the first as above, so that joints come loose before the error has grown; the second so that the damping ratio stays near to 1.
 const STIFFER: f64 = 2.0;
+/// Derived: with three times the stiffness and 1.5 times the damping the ratio is 0.87 of the law's.
 const DAMPED_MORE: f64 = 0.5;
 
 /// Torques of joints that stick by untold friction, N m or N, with their inertia (kg m^2 or kg, 0 for the others), against the errors of position and

@@ -10,9 +10,10 @@ use nalgebra::SVector;
 /// Nominal Coulomb friction of a joint whose file tells none, as a share of its effort limit: twice of it are found, so up to 12 % of the effort,
 /// more than the 10 % with which arms are tested (`tests/cores/untold_friction.rs`).
 const NOMINAL: f64 = 0.06;
-/// Way of a reference from rest after which its joint is judged, rad or m, and encoder steps that count beside it. Chosen by hand: it is reached after 23 ms
+/// Way of a reference from rest after which its joint is judged, rad or m. Chosen by hand: it is reached after 23 ms
 /// at the default limit of jerk, when a joint whose commands are 5 ms late has gone 0.48 of it.
 const WAY: f64 = 1e-3;
+/// Encoder steps that count beside it. Chosen by hand: two readings are off by a step each, and noise comes beside that.
 const STEPS: f64 = 4.0;
 /// Share of that way below which a joint resists. Chosen by hand: half of what late commands leave.
 const FOLLOWS: f64 = 0.25;

@@ -42,6 +42,9 @@ proptest! {
         for (i, p) in points.iter().enumerate() {
             L.view_mut((2 * i, 0), (2, 6)).copy_from(&point_rows(&(p.coords.xy() / p.z), p.z));
         }
+        // In views whose L is nearly singular rounding is as large as what is to be shown.
+        let singular_values = L.singular_values();
+        prop_assume!(singular_values.min() > 1e-3 * singular_values.max());
         let null = (DMatrix::identity(8, 8) - &L * L.clone().pseudo_inverse(1e-9).unwrap()).svd(true, false);
         let n: DVector<f64> = null.u.unwrap().column(k) * 0.01;
         prop_assert!((L.transpose() * &n).norm() < 1e-12);
@@ -61,7 +64,8 @@ proptest! {
             let still = view_of(&n);
             let felt = felt_share(law, &set_point, &still).unwrap();
             let (stiff, moving) = (asked(law, &set_point, &still).norm(), view_of(&(&n + &in_range)));
-            prop_assert!(felt < 1e-9 && stiff < 1e-9 * asked(law, &set_point, &moving).norm(), "{i} {felt} {stiff}");
+            // n is in the null space to 1e-10 of its norm, which L amplifies by up to a thousand.
+            prop_assert!(felt < 1e-7 && stiff < 1e-7 * asked(law, &set_point, &moving).norm(), "{i} {felt} {stiff}");
             if i < 3 {
                 let felt = felt_share(law, &set_point, &moving).unwrap();
                 prop_assert!((felt - 0.6).abs() < 1e-9, "{i} {felt}");
