@@ -97,11 +97,11 @@ proptest! {
     /// D with three points: six numbers, six motions; each error has its own rate, or they are mixed.
     #[test]
     fn image_errors_fall_as_their_matrix_says(a in entries(), k in prop::array::uniform6(0.5..4.0f64)) {
-        // a wide triangle, upright below the camera, which so stays away from the cylinder through the corners: on it three points are
-        // singular
+        // A wide triangle, upright below the camera, which so stays away from the cylinder through the corners: on it three points are
+        // singular. Rates that differ much make detours, so that the way is short.
         let points = square().map(|p| p * 4.0);
         let X_DO = Pose::new([-0.22, -0.18, 0.6].into(), [0.02, -0.03, 0.3].into());
-        let now = Pose::new([-0.2, -0.19, 0.63].into(), [0.03, -0.02, 0.25].into());
+        let now = Pose::new([-0.214, -0.183, 0.609].into(), [0.023, -0.027, 0.285].into());
         let set_point = SetPoint::from_pose(&X_DO, &points[..3]).unwrap();
         let K = spd::<6>(&a);
         let full = FeatureMatrix::full(&DMatrix::from_column_slice(6, 6, K.as_slice())).unwrap();

