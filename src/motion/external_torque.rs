@@ -137,13 +137,14 @@ impl<const N: usize> ExternalTorqueObserver<N> {
         Self { last: None, joints: std::array::from_fn(joint), ticks: 0 }
     }
 
-    /// Takes in the state at the end of a tick in which `tau` acted, N m or N. A payload takes torques that are not known, with the variances `doubt`.
+    /// Takes in the state at the end of a tick in which `tau` acted, N m or N. A payload takes torques that are not known, with the variances `doubt`, and so do rotors whose
+    /// inertias have the variances `rotors`.
     pub fn note(
         &mut self,
         robot: &Robot<N>,
         (q, qd): (&SVector<f64, N>, &SVector<f64, N>),
         tau: &SVector<f64, N>,
-        doubt: &SVector<f64, N>,
+        (doubt, rotors): (&SVector<f64, N>, &SVector<f64, N>),
     ) {
         let h = TICK.as_s();
         let Some((q_before, qd_before, tau_before)) = self.last.replace((*q, *qd, *tau)) else { return };
@@ -161,9 +162,10 @@ impl<const N: usize> ExternalTorqueObserver<N> {
             joint.way += (q[i] - q_before[i]).abs();
             joint.is_loose |= (q[i] - *joint.from.get_or_insert(q[i])).abs() > LOOSE;
             joint.held = joint.holds(robot.friction()[i].coulomb);
-            joint.judge(doubt[i]);
+            let doubt = doubt[i] + rotors[i] * joint.x[1] * joint.x[1];
+            joint.judge(doubt);
             if i == turn && self.ticks >= SETTLES {
-                joint.learn(doubt[i]);
+                joint.learn(doubt);
             }
         }
         self.ticks = self.ticks.saturating_add(1);
@@ -173,6 +175,14 @@ impl<const N: usize> ExternalTorqueObserver<N> {
     pub fn change_model(&mut self, difference: &SVector<f64, N>) {
         for (joint, difference) in self.joints.iter_mut().zip(difference) {
             joint.model.change(difference * difference);
+        }
+    }
+
+    /// The model has rotors with the inertia `change` more, kg m^2 or kg: what was learnt of them is in the model from now on.
+    pub fn add_rotors(&mut self, change: &SVector<f64, N>) {
+        for (joint, change) in self.joints.iter_mut().zip(change) {
+            joint.r += change * joint.x[1];
+            joint.model.shift(1, *change);
         }
     }
 
@@ -208,9 +218,9 @@ impl<const N: usize> ExternalTorqueObserver<N> {
 
 impl JointResidual {
     /// Variance of what the terms do not contain.
-    fn doubt(&self, payload: f64) -> f64 {
+    fn doubt(&self, unknown: f64) -> f64 {
         let coupled = COUPLED * self.effort * self.x[1];
-        payload + (MODEL * (self.modelled - self.steady)).powi(2) + coupled * coupled
+        unknown + (MODEL * (self.modelled - self.steady)).powi(2) + coupled * coupled
     }
 
     /// The torque by which friction may hold the joint, where `coulomb` is that of the model, N m or N.
@@ -220,16 +230,16 @@ impl JointResidual {
         STATIC * coulomb * (1.0 - self.x[2].abs()).max(0.0)
     }
 
-    fn judge(&mut self, payload: f64) {
+    fn judge(&mut self, unknown: f64) {
         let (external, variance) = self.model.excess(self.r, &self.x);
-        (self.external, self.variance) = (external, variance + self.doubt(payload));
+        (self.external, self.variance) = (external, variance + self.doubt(unknown));
     }
 
-    fn learn(&mut self, payload: f64) {
+    fn learn(&mut self, unknown: f64) {
         let drift = DRIFT_PER_RAD.powi(2) * POSTURE * self.way
             + DRIFT_1_S.powi(2) * f64::from(LEARNS_EVERY) * TICK.as_s();
         self.way = 0.0;
-        let doubt = self.doubt(payload) + self.held * self.held;
+        let doubt = self.doubt(unknown) + self.held * self.held;
         let least = (LEAST_NOISE * self.effort).powi(2) + self.hidden;
         self.model.take(self.r, &self.x, doubt, least, drift * self.effort * self.effort);
     }

@@ -281,6 +281,33 @@ impl<const N: usize> JointObserver<N> {
         self.settings.inertia = ObserverSettings::free_inertia(payload.robot(), q);
     }
 
+    /// Takes over rotors with the inertia `change` more, kg m^2 or kg, of the arm that stands in `q`. Where they are the first that are found, what was learnt of
+    /// disturbances since the reference began to move was they.
+    pub(super) fn change_rotors(
+        &mut self,
+        q: &SVector<f64, N>,
+        payload: &mut PayloadEstimator<N>,
+        change: &SVector<f64, N>,
+        first: bool,
+    ) {
+        let zero = SVector::zeros();
+        let now = if first { self.at_rest } else { (self.p, self.t) };
+        let kept = [now, self.at_rest, self.past.before, self.past.last];
+        let torques = kept.map(|(p, t)| payload.robot().inverse_dynamics(q, &zero, &-p) - t);
+        payload.add_rotors(change);
+        let gravity = payload.robot().gravity(q);
+        let [now, at_rest, before, last] = torques.map(|torque| (zero, gravity - torque));
+        (self.p, self.t) = now;
+        self.at_rest = at_rest;
+        self.past = Past::of(before, last);
+        self.settings.inertia = ObserverSettings::free_inertia(payload.robot(), q);
+    }
+
+    /// The inertia of each joint while the others are free, about, kg m^2 or kg.
+    pub(super) fn inertia(&self) -> &SVector<f64, N> {
+        &self.settings.inertia
+    }
+
     /// What coarse encoders hide of an acceleration in a mean of `ticks`, as a torque, N m or N.
     pub(super) fn hidden_torque(&self, ticks: u32) -> SVector<f64, N> {
         let settings = &self.settings;

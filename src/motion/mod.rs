@@ -17,6 +17,7 @@ mod limits;
 mod payload_estimator;
 mod reference;
 mod residual_model;
+mod rotor_estimator;
 mod singularity;
 mod time_optimal;
 

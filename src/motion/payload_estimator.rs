@@ -156,6 +156,17 @@ impl<const N: usize> PayloadEstimator<N> {
         (!self.is_new()).then(|| mass_and_com(&self.believed))
     }
 
+    /// The arm has rotors with the inertia `change` more, kg m^2 or kg. What was learnt without them of a payload that is not believed yet may have been they.
+    pub(super) fn add_rotors(&mut self, change: &SVector<f64, N>) {
+        for (i, change) in change.iter().enumerate() {
+            self.bare.add_armature(i, *change);
+            self.loaded.add_armature(i, *change);
+        }
+        if self.is_new() {
+            (self.information, self.right, self.squares) = (Matrix4::zeros(), Vector4::zeros(), 0.0);
+        }
+    }
+
     /// Whether none of it is in the model yet.
     pub(super) fn is_new(&self) -> bool {
         self.believed == Vector4::zeros()

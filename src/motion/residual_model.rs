@@ -81,6 +81,16 @@ impl<const T: usize> ResidualModel<T> {
         self.held_back = [None; HELD_BACK];
     }
 
+    /// The residuals contain `change` times the term `k` more, from the first one on.
+    pub(super) fn shift(&mut self, k: usize, change: f64) {
+        if let Some(learnt) = self.theta.get_mut(k) {
+            *learnt += change;
+        }
+        for sample in self.held_back.iter_mut().flatten() {
+            sample.r += change * sample.x.get(k).copied().unwrap_or(0.0);
+        }
+    }
+
     /// Takes in the residual `r` with the terms `x`, and learns from an earlier one. `doubt` is a variance beside those of terms and noise, the noise has at least the
     /// variance `least`, and the first term may have changed since the last sample by something with the variance `drift`.
     pub(super) fn take(&mut self, r: f64, x: &SVector<f64, T>, doubt: f64, least: f64, drift: f64) {

@@ -149,6 +149,9 @@ pub struct Summary {
     /// What the arm was found to carry and the run file does not tell; `null` where nothing was found.
     #[serde(default)]
     pub payload: Option<FoundPayload>,
+    /// Inertia of rotors as each joint feels it that was found and the robot file does not tell, kg m^2 or kg; empty where none was.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub rotors_kg_m2_or_kg: Vec<f64>,
     /// Measurements whose points fit the description of lens and target only with a model error; `null` where all fit.
     #[serde(default)]
     pub model_error: Option<ModelError>,
@@ -209,6 +212,7 @@ impl Summary {
             lost_commands: 0,
             gated_commands: 0,
             payload: None,
+            rotors_kg_m2_or_kg: Vec::new(),
             model_error: None,
             contact: None,
             state_hash: None,
@@ -293,6 +297,13 @@ impl Summary {
             let _ = writeln!(
                 t,
                 "payload       {mass_kg:.2} kg at [{x:.3}, {y:.3}, {z:.3}] m of the flange, which [tool] does not tell"
+            );
+        }
+        if !self.rotors_kg_m2_or_kg.is_empty() {
+            let _ = writeln!(
+                t,
+                "rotors        {:.3?} kg m2 or kg at the joints, beyond the robot file: set armature_kg_m2",
+                self.rotors_kg_m2_or_kg
             );
         }
         if let Some(contact) = &self.contact {

@@ -51,3 +51,4 @@ mod three_points;
 mod trusted;
 mod truth;
 mod untold_friction;
+mod untold_rotors;

@@ -30,7 +30,7 @@ use crate::time::TICK;
 use crate::time::{MonoNs, SpanNs};
 use contact::WayBack;
 use motion::TickMotion;
-use nalgebra::{SVector, Vector3, Vector6};
+use nalgebra::{SVector, Vector6};
 
 /// A reference that is this near to the measured arm (rad or m; rad/s or m/s) is not reset to it. Chosen by hand: four steps of the
 /// coarsest encoders that are tested, and a velocity that the joint controller corrects within the limits.
@@ -184,10 +184,10 @@ impl<const N: usize> Controller<N> {
         self.gate.last()
     }
 
-    /// What the arm was found to carry beyond its model: mass, kg, and centre of mass in the flange's frame, m.
+    /// The joint controller, which tells what was found of the arm that its model does not have.
     #[must_use]
-    pub fn payload(&self) -> Option<(f64, Vector3<f64>)> {
-        self.joint_control.payload()
+    pub fn joint_control(&self) -> &JointController<N> {
+        &self.joint_control
     }
 
     /// Number of commands that the gate had to change.

@@ -90,6 +90,11 @@ impl<const N: usize> ContactWatch<N> {
         {
             observer.change_model(&change);
         }
+        if let (Some(change), Observer::Torque(observer)) =
+            (joint_control.take_rotor_change(), &mut self.observer)
+        {
+            observer.add_rotors(&change);
+        }
         let did = did.filter(|_| !std::mem::take(&mut self.is_late));
         let before = std::mem::replace(&mut self.at, did.map(|_| now));
         if before.is_some_and(|before| now - before > TICK) {
@@ -97,8 +102,8 @@ impl<const N: usize> ContactWatch<N> {
         }
         match (&mut self.observer, did) {
             (Observer::Torque(observer), Some((state, command))) => {
-                let doubt = joint_control.payload_doubt();
-                observer.note(joint_control.carrying(robot), (&state.q, &state.qd), &command.tau, &doubt);
+                let doubt = (&joint_control.payload_doubt(), &joint_control.rotor_doubt());
+                observer.note(joint_control.carrying(robot), (&state.q, &state.qd), &command.tau, doubt);
             }
             (Observer::Lag(observer, last, by_position), Some((state, command))) => {
                 if let Some(before) = last.replace(state.q) {

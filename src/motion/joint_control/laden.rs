@@ -2,6 +2,7 @@
 
 use super::JointController;
 use crate::motion::payload_estimator::PayloadEstimator;
+use crate::motion::rotor_estimator::RotorEstimator;
 use crate::robot::Robot;
 use nalgebra::{SVector, Vector3};
 
@@ -16,6 +17,7 @@ impl<const N: usize> JointController<N> {
         is_laden: bool,
     ) -> Self {
         (self.acceleration, self.is_laden) = (acceleration, is_laden);
+        self.rotors = Some(Box::new(RotorEstimator::new(&bare, self.observer.inertia())));
         self.payload = Some(Box::new(PayloadEstimator::new(bare)));
         self
     }
@@ -47,6 +49,23 @@ impl<const N: usize> JointController<N> {
     /// What gravity takes more, N m or N, in a model that has changed since this was asked last.
     pub fn take_model_change(&mut self) -> Option<SVector<f64, N>> {
         self.model_change.take()
+    }
+
+    /// The inertia of rotors that was found beyond the model's, as each joint feels it, kg m^2 or kg; `None` where none was.
+    #[must_use]
+    pub fn rotors(&self) -> Option<&SVector<f64, N>> {
+        self.rotors.as_ref().map(|rotors| rotors.believed()).filter(|rotors| rotors.amax() > 0.0)
+    }
+
+    /// The variances of the inertia of rotors, (kg m^2)^2 or kg^2.
+    #[must_use]
+    pub fn rotor_doubt(&self) -> SVector<f64, N> {
+        self.rotors.as_ref().map_or(SVector::zeros(), |rotors| rotors.variance())
+    }
+
+    /// What was added to the inertia of rotors since this was asked last, kg m^2 or kg.
+    pub fn take_rotor_change(&mut self) -> Option<SVector<f64, N>> {
+        self.rotor_change.take()
     }
 
     /// The variance of what a payload takes that is not known, beyond what it has taken lately, for each joint, (N m)^2 or N^2.

@@ -28,6 +28,7 @@ pub use torque::JointTorque;
 
 use super::joint_observer::{Commanded, JointObserver, ObserverSettings};
 use super::payload_estimator::{JointTick, PayloadEstimator, WINDOW};
+use super::rotor_estimator::RotorEstimator;
 use super::{ActingLimits, ReferenceState};
 use crate::linalg::Ldlt;
 use crate::robot::Robot;
@@ -64,6 +65,10 @@ pub struct JointController<const N: usize> {
     stall: StallGuard<N>,
     /// Estimates what the arm carries beyond its model.
     payload: Option<Box<PayloadEstimator<N>>>,
+    /// Estimates the inertia of rotors beyond its model.
+    rotors: Option<Box<RotorEstimator<N>>>,
+    /// Inertia of rotors that the model has more since this was asked last, kg m^2 or kg.
+    rotor_change: Option<SVector<f64, N>>,
     /// The torque that acts until the next tick, N m or N.
     applied: Option<SVector<f64, N>>,
     /// The velocity of the reference that is followed in this tick, rad/s or m/s.
@@ -77,6 +82,8 @@ pub struct JointController<const N: usize> {
     strength: f64,
     /// Whether the arm carries a payload, told or found, so that its efforts may not suffice for its accelerations.
     is_laden: bool,
+    /// Whether it was found to carry more than it can hold.
+    is_overloaded: bool,
     /// What gravity takes more in a model that has changed in this tick, N m or N.
     model_change: Option<SVector<f64, N>>,
 }
@@ -93,6 +100,8 @@ impl<const N: usize> JointController<N> {
             damps: false,
             stall: StallGuard::default(),
             payload: None,
+            rotors: None,
+            rotor_change: None,
             applied: None,
             followed: None,
             ticks: 0,
@@ -100,6 +109,7 @@ impl<const N: usize> JointController<N> {
             acceleration_share: 1.0,
             strength: 1.0,
             is_laden: false,
+            is_overloaded: false,
             model_change: None,
         }
     }
@@ -164,7 +174,29 @@ impl<const N: usize> JointController<N> {
             return (*q, *qd);
         }
         let robot = self.payload.as_deref().map_or(robot, PayloadEstimator::robot);
+        let q_measured = q;
         let (q, qd) = self.observer.observe(robot, q, qd);
+        if let (Some(payload), Some(rotors)) = (&mut self.payload, &mut self.rotors) {
+            match self.applied.filter(|_| !self.soft && !self.is_overloaded) {
+                Some(tau) => {
+                    let scale = (self.observer.inertia(), self.observer.encoder_step());
+                    if rotors.note(payload.robot(), &tau, q_measured, scale) {
+                        let first = rotors.believed().amax() == 0.0;
+                        let change = rotors.adopt();
+                        self.observer.change_rotors(&q, payload, &change, first);
+                        self.is_laden = true;
+                        *self.rotor_change.get_or_insert(SVector::zeros()) += change;
+                    }
+                }
+                None if (self.soft || self.is_overloaded) && rotors.believed().amax() > 0.0 => {
+                    // What made the arm thrash, or an overload that is not in the model, may have been taken for rotors.
+                    let change = -rotors.forget(payload.robot(), self.observer.inertia());
+                    self.observer.change_rotors(&q, payload, &change, false);
+                    *self.rotor_change.get_or_insert(SVector::zeros()) += change;
+                }
+                None => rotors.skip(),
+            }
+        }
         if let Some(payload) = &mut self.payload {
             let friction_share = self.observer.confirmed_share();
             let friction_sd = self.observer.friction_sd();
@@ -172,7 +204,11 @@ impl<const N: usize> JointController<N> {
                 JointTick { q, qd, friction_share, friction_sd, noise: self.observer.hidden_torque(WINDOW) };
             match self.applied.take() {
                 Some(tau) if !self.soft => {
-                    if payload.note(&tau, &motion) && payload.is_held_in(&q) {
+                    let is_found = payload.note(&tau, &motion);
+                    if is_found {
+                        self.is_overloaded = !payload.is_held_in(&q);
+                    }
+                    if is_found && !self.is_overloaded {
                         let before = payload.robot().gravity(&q);
                         self.observer.change_model(&q, payload);
                         self.model_change = Some(payload.robot().gravity(&q) - before);

@@ -236,6 +236,7 @@ fn summary<const N: usize>(
 ) -> Summary {
     let LockstepRun { control, mission } = run;
     let measurement_log = mission.measurements();
+    let joint_control = control.controller().joint_control();
     let finish = mission.finish().unwrap_or(WITHOUT_AN_END);
     let m = measurement_log.last().copied().unwrap_or_default();
     let lockstep = config.clock == Clock::Lockstep;
@@ -272,10 +273,10 @@ fn summary<const N: usize>(
         lost_traces: pace.lost_traces,
         lost_commands: pace.lost_commands,
         gated_commands: control.controller().gated(),
-        payload: control
-            .controller()
-            .payload()
-            .map(|(mass_kg, com)| FoundPayload { mass_kg, com_m: com.into() }),
+        payload: joint_control.payload().map(|(mass_kg, com)| FoundPayload { mass_kg, com_m: com.into() }),
+        rotors_kg_m2_or_kg: joint_control
+            .rotors()
+            .map_or(Vec::new(), |rotors| rotors.iter().copied().collect()),
         model_error: measurement_log.model_error().report(&config.camera.model, &config.target),
         contact: control.controller().contact().map(Into::into),
         state_hash: lockstep.then(|| statistics.state_hash()),

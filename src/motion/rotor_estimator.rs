@@ -1,0 +1,264 @@
+//! Estimates the inertia of rotors that no file tells, from the torques of the joints while they accelerate.
+//!
+//! A rotor behind a gear takes `R qdd` of its own joint's torque and nothing of the others'. In each joint, over windows of some ticks,
+//!
+//! ```text
+//! y = tau - (B qdd + C qd + g) - F(qd) = c + R qdd + f qd + d tau' + errors
+//! ```
+//! with a part `c` that drifts (Coulomb friction, load, masses that are not as modelled), viscous friction `f`, and the delay `d` from command to effect: a Kalman filter
+//! of four numbers for each joint. The acceleration is the second difference of measured positions over two windows, and torques are weighted alike, by a triangle, so that
+//! no observer with a wrong inertia stands between.
+//!
+//! What makes a joint stop or stick (contact, a jam, Coulomb friction) takes torque while the acceleration is negative, and looks like less inertia. So only inertia
+//! that is clearly more than the model's is believed, and of that what is certain.
+
+use super::payload_estimator::MOVES;
+use crate::robot::Robot;
+use crate::time::TICK;
+use nalgebra::{Matrix4, SVector, Vector4};
+
+/// Ticks of a window. Chosen by hand: half of it would take four times the noise of coarse encoders, and double would find a rotor when the arm has already
+/// accelerated for as long as it takes to fall behind.
+const WINDOW: u32 = 10;
+/// Standard deviation of a rotor's inertia beyond the model, in units of the one that is [likely](crate::robot::JointLimits::likely_rotor), beside once the joint's own
+/// inertia. Derived from that estimate, which is good to a factor of 2.5.
+const LIKELY: f64 = 2.0;
+/// Time in which the largest effort takes a joint with the largest rotor that is believed to 1 rad/s or 1 m/s, s. Chosen by hand: a joint that is slower than this is no arm's.
+const BELIEVED_S: f64 = 0.5;
+/// Standard deviation of the delay from command to effect, s. Chosen by hand: drives of up to 5 ms are known.
+const DELAY_S: f64 = 3e-3;
+/// Standard deviation of the drifting part at first, as a share of the largest effort: what a rated payload weighs. Chosen by hand.
+const CONSTANT: f64 = 0.2;
+/// How far it drifts from one window to the next. Chosen by hand: what gravity of a payload that is not known changes by at 1 rad/s.
+const DRIFT: f64 = 5e-3;
+/// Errors of a window's torque as a share of the largest effort. Chosen by hand: ripple of gears.
+const NOISE: f64 = 3e-3;
+/// Errors of the model's inertias, as a share of the torque that accelerations take. Chosen by hand; masses are drawn up to 20 % wrong.
+const MODEL: f64 = 0.15;
+/// Coulomb friction that is not known, and viscous friction at 1 rad/s, as a share of the largest effort, beside the model's. Chosen by hand: arms with untold
+/// friction of 5 % are known.
+const FRICTION: f64 = 0.03;
+/// Errors of the model's friction as a share of it. Chosen by hand: what is within that share of a joint's friction needs no inertia to be held. Without it the wrists of an xArm7, which
+/// are moved against their friction, had rotors that they do not have where friction was double and commands were late.
+const RUBS: f64 = 0.3;
+/// Standard deviations beyond which a window counts less. Chosen by hand: of noise alone it is one in 370.
+const DOUBTED: f64 = 3.0;
+/// Standard deviations by which a rotor must differ from none. Chosen by hand as above.
+const CLEAR: f64 = 3.0;
+/// Share of the joint's own inertia by which it must. Chosen by hand: masses that are 20 % wrong are no rotors, and a controller holds with a quarter more inertia as without.
+const WORTH: f64 = 0.25;
+/// Change of what is believed that is worth a change of the model, as a share of the joint's inertia with it. Chosen by hand: what it changes in torques is within [`MODEL`].
+const SAME: f64 = 0.03;
+
+/// The estimator of an arm with `N` joints.
+#[derive(Debug, Clone)]
+pub(super) struct RotorEstimator<const N: usize> {
+    /// Positions at the ends of the last two windows.
+    last: Option<SVector<f64, N>>,
+    before: Option<SVector<f64, N>>,
+    /// Sums of torques and of rising weights times torques in this window, and the latter in the last one.
+    sum: SVector<f64, N>,
+    rising: SVector<f64, N>,
+    rose: SVector<f64, N>,
+    ticks: u32,
+    /// What is taken in next, one joint in a tick so that no tick has all the work, and the joint that is next.
+    sample: Option<RotorSample<N>>,
+    next: usize,
+    tau_before: Option<SVector<f64, N>>,
+    joints: [RotorFilter; N],
+    /// Inertia of rotors that is in the model, and what is to be, kg m^2 or kg.
+    believed: SVector<f64, N>,
+    wanted: SVector<f64, N>,
+}
+
+/// The means about the end of a window.
+#[derive(Debug, Clone, Copy)]
+struct RotorSample<const N: usize> {
+    qd: SVector<f64, N>,
+    qdd: SVector<f64, N>,
+    y: SVector<f64, N>,
+    /// Torques that the model takes for the acceleration and for friction, N m or N, the torque's rate of change, and what encoders hide as a standard deviation, N m or N.
+    turns: SVector<f64, N>,
+    friction: SVector<f64, N>,
+    tau_dot: SVector<f64, N>,
+    hidden: SVector<f64, N>,
+}
+
+/// The filter of one joint: the drifting part, the rotor's inertia, viscous friction and the delay.
+#[derive(Debug, Clone, Copy)]
+struct RotorFilter {
+    theta: Vector4<f64>,
+    P: Matrix4<f64>,
+    /// Velocity in the last sample, rad/s or m/s.
+    qd: f64,
+    effort: f64,
+    coulomb: f64,
+}
+
+impl<const N: usize> RotorEstimator<N> {
+    /// Nothing is known of the rotors of `robot`, whose joints have the inertias `own` while the others are free, kg m^2 or kg.
+    pub(super) fn new(robot: &Robot<N>, own: &SVector<f64, N>) -> Self {
+        let joint = |i: usize| {
+            let effort = robot.limits()[i].effort;
+            let rotor = LIKELY * robot.limits()[i].likely_rotor() + own[i];
+            let viscous = robot.friction()[i].viscous + FRICTION * effort;
+            let sd = Vector4::new(CONSTANT * effort, rotor, viscous, DELAY_S);
+            RotorFilter {
+                theta: Vector4::zeros(),
+                P: Matrix4::from_diagonal(&sd.component_mul(&sd)),
+                qd: 0.0,
+                effort,
+                coulomb: robot.friction()[i].coulomb + FRICTION * effort,
+            }
+        };
+        let zero = SVector::zeros();
+        Self {
+            last: None,
+            before: None,
+            sum: zero,
+            rising: zero,
+            rose: zero,
+            ticks: 0,
+            sample: None,
+            next: N,
+            tau_before: None,
+            joints: std::array::from_fn(joint),
+            believed: zero,
+            wanted: zero,
+        }
+    }
+
+    /// Forgets the present window: what moved the arm in it is not known.
+    pub(super) fn skip(&mut self) {
+        (self.last, self.before, self.sample, self.tau_before) = (None, None, None, None);
+        self.ticks = 0;
+    }
+
+    /// The inertia of rotors that is believed beyond the model's, kg m^2 or kg.
+    pub(super) fn believed(&self) -> &SVector<f64, N> {
+        &self.believed
+    }
+
+    /// The variances of what is known of the rotors, (kg m^2)^2 or kg^2.
+    pub(super) fn variance(&self) -> SVector<f64, N> {
+        SVector::from_fn(|i, _| self.joints[i].P[(1, 1)])
+    }
+
+    /// Forgets everything; what was believed.
+    pub(super) fn forget(&mut self, robot: &Robot<N>, own: &SVector<f64, N>) -> SVector<f64, N> {
+        std::mem::replace(self, Self::new(robot, own)).believed
+    }
+
+    /// Takes over what was found; the change.
+    pub(super) fn adopt(&mut self) -> SVector<f64, N> {
+        let change = self.wanted - self.believed;
+        self.believed = self.wanted;
+        change
+    }
+
+    /// Takes in where the joints are after a tick in which the torques `tau` acted, N m or N: `robot` has the payload and the rotors that are believed.
+    /// `inertia_and_step`: of each joint while the others are free, kg m^2 or kg, and of its encoder, rad or m. Whether what is believed is to [change](Self::adopt).
+    pub(super) fn note(
+        &mut self,
+        robot: &Robot<N>,
+        tau: &SVector<f64, N>,
+        q: &SVector<f64, N>,
+        inertia_and_step: (&SVector<f64, N>, &SVector<f64, N>),
+    ) -> bool {
+        let Some(last) = self.last else {
+            (self.last, self.ticks) = (Some(*q), 0);
+            (self.sum, self.rising) = (SVector::zeros(), SVector::zeros());
+            return false;
+        };
+        self.rising += tau * (f64::from(self.ticks) + 0.5);
+        self.sum += tau;
+        self.ticks += 1;
+        if self.ticks == WINDOW {
+            self.end_window(robot, &last, q, inertia_and_step);
+        }
+        let Some(sample) = &self.sample else { return false };
+        if let Some(joint) = self.joints.get_mut(self.next) {
+            joint.take(sample, self.next);
+            self.wanted[self.next] = joint.worth(self.believed[self.next], inertia_and_step.0[self.next]);
+            self.next += 1;
+            return false;
+        }
+        self.sample = None;
+        self.wanted != self.believed
+    }
+
+    fn end_window(
+        &mut self,
+        robot: &Robot<N>,
+        last: &SVector<f64, N>,
+        q: &SVector<f64, N>,
+        (inertia, step): (&SVector<f64, N>, &SVector<f64, N>),
+    ) {
+        let w = f64::from(WINDOW);
+        let span_s = w * TICK.as_s();
+        if let Some(before) = self.before {
+            let qd = (q - before) / (2.0 * span_s);
+            let qdd = (q - last * 2.0 + before) / (span_s * span_s);
+            let tau = (self.rose + self.sum * w - self.rising) / (w * w);
+            let [taken, still] = robot.inverse_dynamics_of(last, &qd, [&qdd, &SVector::zeros()]);
+            let friction = robot.friction_torque(&qd);
+            let tau_dot = self.tau_before.map_or(SVector::zeros(), |before| (tau - before) / span_s);
+            self.tau_before = Some(tau);
+            self.sample = Some(RotorSample {
+                qd,
+                qdd,
+                y: tau - taken - friction + self.believed.component_mul(&qdd),
+                turns: taken - still,
+                friction,
+                tau_dot,
+                // A second difference of positions that are uniformly off by half a step.
+                hidden: step.component_mul(inertia) * (0.5f64.sqrt() / (span_s * span_s)),
+            });
+            self.next = 0;
+        }
+        (self.before, self.last) = (Some(*last), Some(*q));
+        self.rose = self.rising;
+        (self.sum, self.rising, self.ticks) = (SVector::zeros(), SVector::zeros(), 0);
+    }
+}
+
+impl RotorFilter {
+    fn take<const N: usize>(&mut self, sample: &RotorSample<N>, i: usize) {
+        let x = Vector4::new(1.0, sample.qdd[i], sample.qd[i], sample.tau_dot[i]);
+        // Friction about standstill and where the velocity changes its sign is any.
+        let (v, before) = (sample.qd[i], std::mem::replace(&mut self.qd, sample.qd[i]));
+        let turns_back = v.abs() < 2.0 * MOVES || before.abs() < 2.0 * MOVES || v * before < 0.0;
+        let rubs = if turns_back { self.coulomb } else { 0.0 };
+        self.P[(0, 0)] += (DRIFT * self.effort).powi(2) + rubs * rubs;
+        let noise = (NOISE * self.effort).powi(2)
+            + sample.hidden[i].powi(2)
+            + (MODEL * sample.turns[i]).powi(2)
+            + (RUBS * sample.friction[i]).powi(2);
+        let Px = self.P * x;
+        let excess = sample.y[i] - x.dot(&self.theta);
+        let expected = Px.dot(&x) + noise;
+        if !(excess.is_finite() && expected.is_finite() && expected > 0.0) {
+            return;
+        }
+        let variance = expected.max(excess * excess / (DOUBTED * DOUBTED));
+        let gain = Px / variance;
+        self.theta += gain * excess;
+        // Joseph's form, with the noise that the gain is best for.
+        let rest = Matrix4::identity() - gain * x.transpose();
+        self.P =
+            rest * self.P * rest.transpose() + gain * gain.transpose() * (variance - Px.dot(&x)).max(0.0);
+    }
+
+    /// The inertia that is to be believed where `believed` is now, for a joint with `inertia` including that, kg m^2 or kg.
+    fn worth(&self, believed: f64, inertia: f64) -> f64 {
+        let sd = self.P[(1, 1)].max(0.0).sqrt();
+        let found = self.theta[1];
+        let own = (inertia - believed).max(0.0);
+        let is_clear = believed > 0.0 || found - CLEAR * sd > WORTH * own;
+        let wanted = (found - sd).clamp(0.0, BELIEVED_S * self.effort);
+        if is_clear && (wanted - believed).abs() > SAME * (own + wanted) { wanted } else { believed }
+    }
+}
+
+#[cfg(test)]
+mod tests;

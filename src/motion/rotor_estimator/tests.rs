@@ -1,0 +1,117 @@
+//! Rotors that are found from motions whose torques come from the arm as it is, and what is no rotor.
+
+use super::*;
+use crate::linalg::Random;
+use crate::motion::ObserverSettings;
+use crate::robot::load;
+
+/// What an arm has that its model does not.
+struct Truth {
+    /// Inertia of rotors, in units of each joint's own inertia.
+    rotors: f64,
+    friction: f64,
+    masses: f64,
+    /// Ticks from a command to its effect.
+    delay: usize,
+}
+
+/// Estimate and its standard deviation, the rotors that are believed, and those that are there, after `s` seconds of motion.
+fn found<const N: usize>(name: &str, random: &mut Random, truth: &Truth, s: f64) -> [SVector<f64, N>; 4] {
+    let bare: Robot<N> = load(name).unwrap().build().unwrap();
+    let q0 = SVector::from_fn(|_, _| random.between(-1.0, 1.0));
+    let own = ObserverSettings::free_inertia(&bare, &q0);
+    let rotors = own * truth.rotors;
+    let scaled = load(name).unwrap().scaled(truth.masses, truth.friction);
+    let arm = scaled.build::<N>().unwrap().with_armature(&rotors);
+    // Sums of two sines in each joint, with their derivatives.
+    let motion = |t: f64| {
+        let (a, w) = (|i: usize| 0.05 + 0.005 * i as f64, |i: usize| 12.0 + 0.7 * i as f64);
+        [
+            SVector::<f64, N>::from_fn(|i, _| q0[i] + a(i) * (1.0 - (w(i) * t).cos())),
+            SVector::from_fn(|i, _| a(i) * w(i) * (w(i) * t).sin()),
+            SVector::from_fn(|i, _| a(i) * w(i) * w(i) * (w(i) * t).cos()),
+        ]
+    };
+    let acts = |k: usize| {
+        let [q, qd, qdd] = motion((k as f64 + 0.5) * 1e-3);
+        arm.inverse_dynamics(&q, &qd, &qdd) + arm.friction_torque(&qd)
+    };
+    let mut estimator = RotorEstimator::new(&bare, &own);
+    for k in 0..(s * 1e3) as usize {
+        let noise = SVector::from_fn(|i, _| 1e-3 * bare.limits()[i].effort * random.gaussian());
+        let tau = acts(k + truth.delay) + noise;
+        let robot = bare.clone().with_armature(estimator.believed());
+        let inertia = own + estimator.believed();
+        let q = motion((k as f64 + 1.0) * 1e-3)[0];
+        if estimator.note(&robot, &tau, &q, (&inertia, &SVector::zeros())) {
+            estimator.adopt();
+        }
+    }
+    let estimate = SVector::from_fn(|i, _| estimator.joints[i].theta[1]);
+    [estimate, estimator.variance().map(f64::sqrt), *estimator.believed(), rotors]
+}
+
+#[test]
+fn rotors_are_found_whatever_friction_and_delay_are() {
+    let random = &mut Random::new(4);
+    let (mut squares, mut n) = (0.0, 0.0);
+    for _ in 0..40 {
+        let truth = Truth {
+            rotors: random.between(0.5, 3.0),
+            friction: random.between(0.0, 2.0),
+            masses: 1.0,
+            delay: (random.between(0.0, 3.0)) as usize,
+        };
+        let [estimate, sd, believed, rotors] = found::<6>("ur5", random, &truth, 1.0);
+        // The wrists' own inertia is within the noise of their torques.
+        for i in 0..3 {
+            squares += ((estimate[i] - rotors[i]) / sd[i]).powi(2);
+            n += 1.0;
+            let within = 0.6 * rotors[i]..1.15 * rotors[i];
+            assert!(within.contains(&believed[i]), "joint {i}: {believed} of {rotors}");
+        }
+    }
+    let mean = squares / n;
+    assert!((0.05..1.5).contains(&mean), "the squared errors are {mean} of the stated variances");
+}
+
+#[test]
+fn masses_friction_and_delay_are_no_rotors() {
+    let random = &mut Random::new(5);
+    for _ in 0..40 {
+        let truth = Truth {
+            rotors: 0.0,
+            friction: random.between(0.0, 2.0),
+            masses: random.between(0.8, 1.2),
+            delay: (random.between(0.0, 6.0)) as usize,
+        };
+        let [.., believed, _] = found::<6>("ur5", random, &truth, 1.0);
+        assert!(believed.amax() == 0.0, "{believed}");
+        let [.., believed, _] = found::<7>("xarm7", random, &truth, 1.0);
+        assert!(believed.amax() == 0.0, "{believed}");
+    }
+}
+
+#[test]
+fn a_joint_that_is_stopped_shows_no_rotor() {
+    let bare: Robot<6> = load("ur5").unwrap().build().unwrap();
+    let q0 = SVector::from_column_slice(&[0.0, -1.2, 1.2, 0.0, 0.5, 0.0]);
+    let own = ObserverSettings::free_inertia(&bare, &q0);
+    let mut estimator = RotorEstimator::new(&bare, &own);
+    // The first joint goes on with 0.5 rad/s until something stops it within 5 ms, against which it pushes more and more.
+    let at = |k: i32| {
+        let t = f64::from(k - 300).max(0.0) * 1e-3;
+        let way = if t < 5e-3 { 0.5 * t - 50.0 * t * t } else { 1.25e-3 };
+        let mut q = q0;
+        q[0] += f64::from(k.min(300)) * 5e-4 + way;
+        q
+    };
+    for k in 0..600 {
+        let mut tau = bare.gravity(&at(k));
+        tau[0] += (f64::from(k - 300)).max(0.0) * 0.2;
+        if estimator.note(&bare, &tau, &at(k + 1), (&own, &SVector::zeros())) {
+            estimator.adopt();
+        }
+    }
+    assert!(estimator.believed().amax() == 0.0, "{}", estimator.believed());
+}
