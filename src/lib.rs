@@ -55,6 +55,8 @@ pub mod process;
 #[cfg(feature = "cli")]
 pub mod record;
 #[cfg(feature = "cli")]
+pub mod replay;
+#[cfg(feature = "cli")]
 pub mod rt;
 #[cfg(feature = "cli")]
 pub mod source;

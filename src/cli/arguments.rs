@@ -7,7 +7,7 @@ pub use super::camera_arguments::CameraArguments;
 use super::ctl_arguments::CtlArguments;
 use super::place_arguments::{PlaceArguments, ViewArguments};
 use super::tool_arguments::{PoseArguments, ProcessArguments, StereoCommand};
-use super::{completion, record::RecordArguments};
+use super::{completion, record::RecordArguments, replay::ReplayArguments};
 use crate::camera_model::Response;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use clap_complete::engine::{ArgValueCandidates, ArgValueCompleter};
@@ -69,6 +69,8 @@ pub enum Command {
     Control(RoleArguments),
     /// Write down everything that a running instance sends into an MCAP file
     Record(RecordArguments),
+    /// Run control, or vision, again on what was recorded, and compare bit for bit
+    Replay(ReplayArguments),
     /// Find out about the cell: cameras from images of a board, stamps by moving the arm
     Calibrate {
         /// What to find out

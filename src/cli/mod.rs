@@ -18,6 +18,7 @@ mod pose_tool;
 mod process_image;
 mod record;
 mod repeat;
+mod replay;
 mod stereo_tool;
 mod target;
 mod teach;
@@ -37,6 +38,7 @@ pub use camera_arguments::{FormatArgument, SizeArgument};
 pub use ctl_arguments::{CtlArguments, CtlCommand, CtlCommon, FixedNumbers, NumberList, SettingArgument};
 pub use place_arguments::{LookArgument, PlaceArguments, ViewArguments};
 pub use record::RecordArguments;
+pub use replay::ReplayArguments;
 pub use tool_arguments::{
     MotionMethod, PoseArguments, PoseMethod, ProcessArguments, StereoCommand, StereoMatchArguments,
     StereoMotionArguments, StereoRectifyArguments, StereoTriangulateArguments, TriangulationMethod,
@@ -91,6 +93,7 @@ pub fn main() -> ExitCode {
         Some(Command::Vision(arguments)) => role(Role::Vision(CameraId::FIRST), &arguments),
         Some(Command::Control(arguments)) => role(Role::Control, &arguments),
         Some(Command::Record(arguments)) => record::record(&arguments),
+        Some(Command::Replay(arguments)) => replay::replay(&arguments),
         Some(Command::Calibrate { what }) => match what {
             Calibration::Latency(arguments) => calibrate::latency(&arguments),
             Calibration::HandEye(arguments) => calibrate::hand_eye(&arguments),

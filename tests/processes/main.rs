@@ -35,6 +35,7 @@ mod programs;
 mod rates;
 mod real_cameras;
 mod record;
+mod replay;
 mod report;
 mod result_files;
 mod run_ends;
