@@ -18,6 +18,7 @@ pub mod config;
 pub mod control;
 pub mod detect;
 pub mod drive;
+pub mod explain;
 pub mod features;
 pub mod geometry;
 pub mod imaging;
