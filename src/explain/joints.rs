@@ -209,10 +209,12 @@ fn encoders(evidence: &Evidence, joints: &[Joint<'_>]) -> Option<Finding> {
             _ => None,
         });
         let steps: Vec<f64> = steps.collect();
+        // Chosen by hand: a finer step than 1e-5 rad or m disturbs no arm, because it is below what positions need at 1 kHz.
+        let is_coarse = |step: f64| step > 1e-5;
         let least = steps.iter().copied().fold(f64::INFINITY, f64::min);
         // All are multiples of the least: steps, not motions.
         let multiple = |x: &f64| ((x / least) - (x / least).round()).abs() < 0.01; // chosen: positions have nine decimals
-        (steps.len() > 3 && least > 1e-5 && steps.iter().all(multiple)).then_some(least)
+        (steps.len() > 3 && is_coarse(least) && steps.iter().all(multiple)).then_some(least)
     };
     let steps: Vec<f64> = joints.iter().filter_map(step).collect();
     let step = steps.iter().copied().fold(0.0, f64::max);
