@@ -18,6 +18,7 @@ pub mod config;
 pub mod control;
 pub mod detect;
 pub mod drive;
+pub mod explain;
 pub mod features;
 pub mod geometry;
 pub mod imaging;
@@ -54,6 +55,8 @@ pub mod print;
 pub mod process;
 #[cfg(feature = "cli")]
 pub mod record;
+#[cfg(feature = "cli")]
+pub mod replay;
 #[cfg(feature = "cli")]
 pub mod rt;
 #[cfg(feature = "cli")]

@@ -5,9 +5,10 @@ pub use super::calibrate::HandEyeArguments;
 use super::calibrate_arguments::{CalibrateCameraArguments, CalibrateStereoArguments};
 pub use super::camera_arguments::CameraArguments;
 use super::ctl_arguments::CtlArguments;
+use super::explain::{ExplainArguments, ReportArguments};
 use super::place_arguments::{PlaceArguments, ViewArguments};
 use super::tool_arguments::{PoseArguments, ProcessArguments, StereoCommand};
-use super::{completion, record::RecordArguments};
+use super::{completion, record::RecordArguments, replay::ReplayArguments};
 use crate::camera_model::Response;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use clap_complete::engine::{ArgValueCandidates, ArgValueCompleter};
@@ -69,6 +70,12 @@ pub enum Command {
     Control(RoleArguments),
     /// Write down everything that a running instance sends into an MCAP file
     Record(RecordArguments),
+    /// Run control, or vision, again on what was recorded, and compare bit for bit
+    Replay(ReplayArguments),
+    /// Tell in words how a run went: what limited its speed, what made it fail, which key to change
+    Explain(ExplainArguments),
+    /// Make the page of a run from its recording
+    Report(ReportArguments),
     /// Find out about the cell: cameras from images of a board, stamps by moving the arm
     Calibrate {
         /// What to find out

@@ -12,12 +12,15 @@ mod ctl_arguments;
 mod detect;
 mod do_program;
 pub mod doctor;
+mod explain;
 mod place;
 mod place_arguments;
 mod pose_tool;
 mod process_image;
 mod record;
 mod repeat;
+mod replay;
+mod shipped_file;
 mod stereo_tool;
 mod target;
 mod teach;
@@ -35,8 +38,10 @@ pub use calibrate_arguments::{
 };
 pub use camera_arguments::{FormatArgument, SizeArgument};
 pub use ctl_arguments::{CtlArguments, CtlCommand, CtlCommon, FixedNumbers, NumberList, SettingArgument};
+pub use explain::{ExplainArguments, ReportArguments};
 pub use place_arguments::{LookArgument, PlaceArguments, ViewArguments};
 pub use record::RecordArguments;
+pub use replay::ReplayArguments;
 pub use tool_arguments::{
     MotionMethod, PoseArguments, PoseMethod, ProcessArguments, StereoCommand, StereoMatchArguments,
     StereoMotionArguments, StereoRectifyArguments, StereoTriangulateArguments, TriangulationMethod,
@@ -91,6 +96,9 @@ pub fn main() -> ExitCode {
         Some(Command::Vision(arguments)) => role(Role::Vision(CameraId::FIRST), &arguments),
         Some(Command::Control(arguments)) => role(Role::Control, &arguments),
         Some(Command::Record(arguments)) => record::record(&arguments),
+        Some(Command::Replay(arguments)) => replay::replay(&arguments),
+        Some(Command::Explain(arguments)) => explain::explain(&arguments),
+        Some(Command::Report(arguments)) => explain::report(&arguments),
         Some(Command::Calibrate { what }) => match what {
             Calibration::Latency(arguments) => calibrate::latency(&arguments),
             Calibration::HandEye(arguments) => calibrate::hand_eye(&arguments),
@@ -112,7 +120,7 @@ pub fn main() -> ExitCode {
         Some(Command::DriveGuard { instance, supervised_by, command }) => {
             guard_drive(&command, &instance, supervised_by)
         }
-        Some(Command::Config { name, list }) => shipped_file(name.as_deref(), list),
+        Some(Command::Config { name, list }) => shipped_file::shipped_file(name.as_deref(), list),
         Some(Command::Completions { shell }) => match completion::script(&shell) {
             Ok(script) => Ok(shown(&script, 0)),
             Err(cause) => Ok(lost(Path::new("stdout"), cause, 0)),
@@ -189,22 +197,6 @@ fn misspelt(word: Option<&Path>) -> Option<String> {
         },
     };
     Some(format!("`{}` is no command, no file and no shipped run file: {meant}", printable(word)))
-}
-
-/// `vservo config`.
-fn shipped_file(name: Option<&str>, list: bool) -> Result<u8, ProcessError> {
-    if list {
-        let longest = SHIPPED_FILES.iter().map(|file| file.name.len()).max().unwrap_or(0);
-        let lines = SHIPPED_FILES.iter().map(|file| format!("{:longest$}  {}\n", file.name, file.about()));
-        return Ok(shown(&lines.collect::<String>(), 0));
-    }
-    let name = name.unwrap_or("default");
-    if let Some(file) = ShippedFile::find(name.strip_suffix(".toml").unwrap_or(name)) {
-        return Ok(shown(file.text, 0));
-    }
-    let meant = nearest(name, SHIPPED_FILES.iter().map(|file| file.name));
-    let hint = meant.map_or("see `vservo config --list`".into(), |meant| format!("did you mean `{meant}`?"));
-    Err(ProcessError::NoCommand(format!("no run file `{}` comes with the program: {hint}", printable(name))))
 }
 
 /// Tells what is allowed in a run file but hardly meant.

@@ -15,7 +15,7 @@ use crate::control::records::{command_trace, joint_state, padded};
 use crate::control::safety::Fault;
 use crate::control::trace::{Event, Events, FrameStamps, LatencyStages, MeasurementRecord, Trace};
 use crate::drive::{Drive, DriveCommand, DriveState};
-use crate::messages::{JointState, MAX_JOINTS, Measurement};
+use crate::messages::{JointState, MAX_JOINTS, Measurement, trace_flag};
 use crate::time::MonoNs;
 use nalgebra::SVector;
 
@@ -46,6 +46,9 @@ pub struct ControlLoop<const N: usize> {
     stopped: Option<&'static str>,
     joint_state: JointState,
     events: Events,
+    /// What came from outside since the last tick: bits of [`trace_flag`], and orders in all.
+    inputs: u32,
+    orders: u32,
 }
 
 impl<const N: usize> ControlLoop<N> {
@@ -64,6 +67,8 @@ impl<const N: usize> ControlLoop<N> {
             stopped: None,
             joint_state: JointState::default(),
             events: Events::default(),
+            inputs: 0,
+            orders: 0,
         }
     }
 
@@ -73,9 +78,10 @@ impl<const N: usize> ControlLoop<N> {
         self.sensed = self.drive.read(now);
         if self.drive.health().late_states > late {
             self.controller.follow_anew();
+            self.inputs |= trace_flag::LATE_STATE;
         }
         if let Some(fault) = self.drive.health().fault {
-            self.controller.fail(Fault::Drive(fault));
+            self.fail(Fault::Drive(fault));
         }
         self.joint_state = joint_state(tick, self.ticks, now, &self.sensed, &self.command);
         self.joint_state
@@ -110,6 +116,8 @@ impl<const N: usize> ControlLoop<N> {
             fault: output.fault,
             stopped: self.stopped,
             over,
+            inputs: std::mem::take(&mut self.inputs),
+            orders: self.orders,
             path_began: self.controller.servo().path_began(),
             measurement_record: record,
             limits: output.limits,
@@ -149,6 +157,7 @@ impl<const N: usize> ControlLoop<N> {
 
     /// Brings the arm to rest and ends the loop with `reason`.
     pub fn stop(&mut self, reason: &'static str) {
+        self.inputs |= trace_flag::END_ASKED;
         if !self.ends {
             self.stopped = Some(reason);
             self.events.push(Event::Stopping);
@@ -159,6 +168,18 @@ impl<const N: usize> ControlLoop<N> {
     fn end(&mut self) {
         self.ends = true;
         let _ = self.controller.request(Request::Shutdown); // nothing refuses it
+    }
+
+    /// Takes a request that comes by no message: of the stop word.
+    ///
+    /// # Errors
+    /// When the lifecycle refuses the request, with the reason.
+    pub fn halt(&mut self, request: Request) -> Result<(), Refusal> {
+        self.inputs |= match request {
+            Request::Shutdown => trace_flag::SHUTDOWN_ASKED,
+            _ => trace_flag::STOP_ASKED,
+        };
+        self.request(request)
     }
 
     /// Takes a request of a client.
@@ -188,13 +209,18 @@ impl<const N: usize> ControlLoop<N> {
     pub fn request_with(&mut self, request: Request, order: Option<&ControlOrder<N>>) -> Result<(), Refusal> {
         self.request(request)?;
         if let Some(order) = order {
-            self.obey(order);
+            self.do_as_ordered(order);
         }
         Ok(())
     }
 
     /// Takes an order of the mission.
     pub fn obey(&mut self, order: &ControlOrder<N>) {
+        self.orders = self.orders.wrapping_add(1);
+        self.do_as_ordered(order);
+    }
+
+    fn do_as_ordered(&mut self, order: &ControlOrder<N>) {
         match order {
             ControlOrder::End => self.end(),
             // The lifecycle refuses it where a client's request contradicts it.
@@ -215,6 +241,9 @@ impl<const N: usize> ControlLoop<N> {
 
     /// Reports a fault from outside the control core: the arm is brought to rest from the next [`act`](Self::act) on.
     pub fn fail(&mut self, fault: Fault) {
+        if self.inputs >> trace_flag::REPORTED_FAULT == 0 {
+            self.inputs |= fault.code() << trace_flag::REPORTED_FAULT;
+        }
         self.controller.fail(fault);
     }
 
@@ -227,6 +256,12 @@ impl<const N: usize> ControlLoop<N> {
     #[must_use]
     pub fn late_drive_states(&self) -> u64 {
         self.drive.health().late_states
+    }
+
+    /// Orders of the mission that were obeyed.
+    #[must_use]
+    pub fn orders(&self) -> u32 {
+        self.orders
     }
 
     /// The controller.

@@ -23,6 +23,21 @@ pub enum Outcome {
 }
 
 impl Outcome {
+    /// All, in the order of their codes.
+    const ALL: [Self; 5] = [Self::Converged, Self::NotConverged, Self::Finished, Self::Stopped, Self::Fault];
+
+    /// Its code in a message, from 1.
+    #[must_use]
+    pub fn code(self) -> u32 {
+        self as u32 + 1
+    }
+
+    /// The outcome of a code in a message; `None` for 0 and unknown ones.
+    #[must_use]
+    pub fn from_code(code: u32) -> Option<Self> {
+        Self::ALL.into_iter().find(|outcome| outcome.code() == code)
+    }
+
     /// The word for it in the summary.
     #[must_use]
     pub fn as_str(self) -> &'static str {

@@ -39,6 +39,12 @@ pub struct Trace {
     pub stopped: Option<&'static str>,
     /// Whether no tick follows.
     pub over: bool,
+    /// What came from outside at this tick: bits of [`crate::messages::trace_flag`].
+    pub inputs: u32,
+    /// Orders of the mission that were obeyed so far.
+    pub orders: u32,
+    /// Whether the mission gave out its orders when it had seen this trace, which is not so where the next one had come already.
+    pub gives_orders: bool,
     /// Earlier traces that were dropped because they were not read in time.
     pub lost: u64,
     /// The measurement of this tick, and the verdict on it.
@@ -73,6 +79,9 @@ impl Trace {
             fault: None,
             stopped: None,
             over: false,
+            inputs: 0,
+            orders: 0,
+            gives_orders: true,
             lost: 0,
             measurement_record: None,
             path_began: None,

@@ -107,7 +107,7 @@ record! {
 }
 
 record! {
-    "vservo.Measurement.v2",
+    "vservo.Measurement.v3",
     /// Features, pose and status that vision measured in one frame.
     #[derive(Debug, Clone, Copy, PartialEq)]
     pub struct Measurement {
@@ -143,6 +143,8 @@ record! {
         pub pose_covariance: [f64; 36],
         /// Reprojection error of the best pose, root mean square, px; also of a rejected measurement.
         pub reprojection_rms_px: f64,
+        /// Until when vision knew where the arm was, by which it predicted the target; zero where it did not.
+        pub arm_stamp: MonoNs,
     }
 }
 
@@ -165,6 +167,7 @@ impl Default for Measurement {
             pose: [0.0; 7],
             pose_covariance: [0.0; 36],
             reprojection_rms_px: 0.0,
+            arm_stamp: MonoNs::ZERO,
         }
     }
 }

@@ -7,7 +7,7 @@ use crate::time::MonoNs;
 use iceoryx2::prelude::ZeroCopySend;
 
 record! {
-    "vservo.Request.v1",
+    "vservo.Request.v2",
     /// A request of a client and its answer.
     #[derive(Debug, Clone, Copy, PartialEq)]
     pub struct RequestMsg {
@@ -17,6 +17,12 @@ record! {
         pub stamp: MonoNs,
         /// Number of that tick.
         pub tick: u64,
+        /// Counts what was asked for, in the order in which it was planned; records come in the order of the answers.
+        pub number: u64,
+        /// Ticks of which the mission knew when it planned the request.
+        pub planned: u64,
+        /// Ticks of which the mission knew when it heard the answer of control.
+        pub decided: u64,
         /// Code of a [`crate::control::lifecycle::Request`].
         pub request: u32,
         /// Which arm.
@@ -49,6 +55,9 @@ impl RequestMsg {
             sequence: 0,
             stamp: MonoNs::ZERO,
             tick: 0,
+            number: 0,
+            planned: 0,
+            decided: 0,
             request,
             arm,
             camera,
@@ -77,9 +86,9 @@ mod tests {
     #[test]
     #[allow(unsafe_code)]
     fn the_layout_is_fixed_and_named() {
-        assert_eq!((size_of::<RequestMsg>(), align_of::<RequestMsg>()), (1336, 8));
-        assert_eq!((offset_of!(RequestMsg, ids), offset_of!(RequestMsg, values)), (56, 312));
+        assert_eq!((size_of::<RequestMsg>(), align_of::<RequestMsg>()), (1360, 8));
+        assert_eq!((offset_of!(RequestMsg, ids), offset_of!(RequestMsg, values)), (80, 336));
         // SAFETY: the name is only read.
-        assert_eq!(unsafe { RequestMsg::type_name() }, "vservo.Request.v1");
+        assert_eq!(unsafe { RequestMsg::type_name() }, "vservo.Request.v2");
     }
 }

@@ -8,7 +8,7 @@ fn layouts_are_fixed() {
     assert_eq!((size_of::<FrameHeader>(), align_of::<FrameHeader>()), (64, 8));
     assert_eq!(offset_of!(FrameHeader, flags), 60);
     assert_eq!(size_of::<FeaturePoint>(), 48);
-    assert_eq!((size_of::<Measurement>(), align_of::<Measurement>()), (3504, 8));
+    assert_eq!((size_of::<Measurement>(), align_of::<Measurement>()), (3512, 8));
     assert_eq!(offset_of!(Measurement, camera), 64);
     assert_eq!(offset_of!(Measurement, features), 80);
     assert_eq!(offset_of!(Measurement, pose), 3152);
@@ -27,7 +27,7 @@ fn type_names_carry_their_version() {
     // SAFETY: the names are only read.
     for (name, wanted) in [
         (unsafe { FrameHeader::type_name() }, "vservo.FrameHeader.v2"),
-        (unsafe { Measurement::type_name() }, "vservo.Measurement.v2"),
+        (unsafe { Measurement::type_name() }, "vservo.Measurement.v3"),
         (unsafe { JointState::type_name() }, "vservo.JointState.v2"),
         (unsafe { Status::type_name() }, "vservo.Status.v5"),
     ] {

@@ -1,4 +1,4 @@
-//! Full record of each tick of control, for replay and analysis: `control/trace`, 1 kHz.
+//! Full record of each tick of control, for replay and analysis: `control/trace`, 1 kHz. The numbers here are those of the protocol.
 
 use super::MAX_JOINTS;
 use super::layout::record;
@@ -10,7 +10,7 @@ use iceoryx2::prelude::ZeroCopySend;
 pub const TRACE_LIMITS: usize = 8;
 
 record! {
-    "vservo.Trace.v2",
+    "vservo.Trace.v3",
     /// One tick: the inputs of control, its command, and the reasons. A code of 0 means none; codes of control's enumerations count
     /// from 1 in the order of their variants.
     #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -56,8 +56,8 @@ record! {
         pub outcome: u32,
         /// Events of the tick: bit n is the n-th of [`crate::control::trace::Event`], from 0.
         pub events: u32,
-        /// Zero.
-        pub reserved: u32,
+        /// Orders of the mission that control has obeyed up to this tick.
+        pub orders: u32,
         /// The joints on which each [`crate::motion::Limit`] acted: bit 0 is the first joint.
         pub limits: [u8; TRACE_LIMITS],
         /// Measured positions, rad or m.
@@ -91,6 +91,18 @@ pub mod trace_flag {
     pub const TRUTH: u32 = 2;
     /// The run is over: no record follows.
     pub const LAST: u32 = 4;
+    /// The drive had no new state in time.
+    pub const LATE_STATE: u32 = 8;
+    /// A signal, or the process of control itself, asked for the end at the begin of this tick.
+    pub const END_ASKED: u32 = 16;
+    /// `stop` was asked for at the begin of this tick by the stop word.
+    pub const STOP_ASKED: u32 = 32;
+    /// `shutdown` was asked for at the begin of this tick by the stop word.
+    pub const SHUTDOWN_ASKED: u32 = 64;
+    /// The mission gave out its orders when it had seen this record; without this bit it saw the next one first.
+    pub const ORDERS_GIVEN: u32 = 128;
+    /// From this bit on: the code of the fault that was reported to control at this tick from outside, by the drive or the process; 0: none.
+    pub const REPORTED_FAULT: u32 = 8;
 }
 
 #[cfg(test)]
@@ -107,6 +119,6 @@ mod tests {
         assert_eq!(offset_of!(TraceMsg, q), 136);
         assert_eq!(offset_of!(TraceMsg, qd_r), 528);
         // SAFETY: the name is only read.
-        assert_eq!(unsafe { TraceMsg::type_name() }, "vservo.Trace.v2");
+        assert_eq!(unsafe { TraceMsg::type_name() }, "vservo.Trace.v3");
     }
 }

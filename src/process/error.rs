@@ -6,6 +6,7 @@ use crate::experiment::ExperimentError;
 use crate::input::printable;
 use crate::ipc::{Disagreement, InstanceError, IpcError};
 use crate::record::RecordingError;
+use crate::replay::ReplayError;
 use crate::robot::RobotError;
 use crate::rt::IsRead;
 use crate::rt::SchedulingError;
@@ -221,6 +222,14 @@ pub enum ProcessError {
     /// A recording cannot be written or read.
     #[error(transparent)]
     Recording(#[from] RecordingError),
+    /// A recording cannot be replayed.
+    #[error("{}: {cause}", path.display())]
+    Replay {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        cause: Box<ReplayError>,
+    },
     /// A thread or a child process cannot be started.
     #[error("cannot start {what}: {cause}")]
     Start {
@@ -294,6 +303,7 @@ impl ProcessError {
             | Self::Scheduling(_)
             | Self::Write { .. }
             | Self::Recording(_)
+            | Self::Replay { .. }
             | Self::DriveJoints { .. }
             | Self::DriveMode { .. }
             | Self::DriveState { .. }

@@ -7,6 +7,7 @@ pub mod drive_guard;
 mod error;
 mod membership;
 mod priority;
+pub mod recorded_report;
 pub mod recorder;
 mod report_folder;
 mod report_images;

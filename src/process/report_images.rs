@@ -4,7 +4,7 @@ use super::report_folder::FRAMES;
 use super::{ProcessError, ReportFolder};
 use crate::config::Camera;
 use crate::ipc::ReceivedFrame;
-use crate::messages::Measurement;
+use crate::messages::{FrameHeader, Measurement};
 use crate::report::frame_archive::{FrameArchive, KeptImage};
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder};
@@ -21,8 +21,12 @@ impl ReportImages {
     }
 
     pub(super) fn note_frame(&mut self, frame: &ReceivedFrame) {
+        self.note_pixels(&frame.header(), frame.pixels());
+    }
+
+    pub(super) fn note_pixels(&mut self, header: &FrameHeader, pixels: &[u8]) {
         if let Some((_, book)) = &mut self.0 {
-            book.note_frame(&frame.header(), frame.pixels());
+            book.note_frame(header, pixels);
         }
     }
 

@@ -5,6 +5,7 @@ use super::{NewReport, ProcessError, ReportFolder};
 use crate::config::Clock;
 use crate::config::Config;
 use crate::control::outcome::Outcome;
+use crate::explain::{Evidence, Explanation, explain};
 use crate::report::csv_table::{CsvTable, csv_cell};
 use crate::report::page::base64;
 use crate::report::run_page::{ImageData, JointSummary, RunRecord, run_facts, run_page, run_verdict};
@@ -48,9 +49,18 @@ pub fn write(
         }
         CsvTable::parse(&String::from_utf8_lossy(&bytes.unwrap_or_default()))
     };
-    let record = RunRecord {
+    let evidence = Evidence {
+        summary: summary.clone(),
+        config: config.clone(),
         trace: table(TRACE),
         measurements: table(MEASUREMENTS),
+    };
+    let Explanation { findings, speed, .. } = explain(&evidence);
+    let record = RunRecord {
+        trace: evidence.trace,
+        measurements: evidence.measurements,
+        findings: findings.into_iter().map(|f| [f.what, f.evidence, f.change]).collect(),
+        speed,
         goal: table(GOAL),
         poses: table(POSES),
         frames: table(FRAMES),

@@ -80,9 +80,9 @@ struct JointStateInput {
 }
 
 impl JointStateInput {
-    /// Where the camera is at the exposure of a frame. In lockstep the state of the frame's tick is under way at least, as the camera
+    /// Where the camera is at the exposure of a frame, and until when that is known. In lockstep the state of the frame's tick is under way at least, as the camera
     /// had it, and none after it counts: the answer is the same on any load.
-    fn X_WC(&mut self, header: &FrameHeader) -> Result<Option<Pose>, ProcessError> {
+    fn X_WC(&mut self, header: &FrameHeader) -> Result<(Option<Pose>, MonoNs), ProcessError> {
         let tick = self.schedule.map(|schedule| schedule.exposure_tick(header.frame_id));
         let exposed = tick.map(|tick| MonoNs(TICK.0.saturating_mul(tick as i64)));
         let give_up = now() + LONGEST_FOR_STATE;
@@ -97,7 +97,9 @@ impl JointStateInput {
             }
             std::thread::yield_now();
         }
-        Ok(self.carrier.X_WC(exposed.map_or(header.exposure, |exposed| exposed.min(header.exposure))))
+        let known = exposed.or(self.carrier.newest()).unwrap_or(MonoNs::ZERO);
+        let at = exposed.map_or(header.exposure, |exposed| exposed.min(header.exposure));
+        Ok((self.carrier.X_WC(at), known))
     }
 }
 
@@ -116,12 +118,14 @@ impl VisionWorker {
         let vision_start = now();
         let header = frame.header();
         self.counter.count(&header);
-        let prior = Prior { X_WC: self.arm.X_WC(&header)?, ..Prior::default() };
+        let (X_WC, arm_stamp) = self.arm.X_WC(&header)?;
+        let prior = Prior { X_WC, ..Prior::default() };
         let view = ImageView::new(frame.pixels(), header.width_px as usize, header.height_px as usize);
         let mut measurement = match view {
             Ok(image) => self.vision.process(&Frame { header, image }, &prior),
             Err(_) => unusable(&header),
         };
+        measurement.arm_stamp = arm_stamp;
         measurement.vision_start = vision_start;
         measurement.vision_end = now();
         measurement.frames_received = self.counter.received;

@@ -1,7 +1,6 @@
 //! The record of a tick as it is sent: a flat structure, in which enumerations are codes.
 
 use super::{Event, Trace};
-use crate::control::outcome::Outcome;
 use crate::control::safety::Fault;
 use crate::messages::{TRACE_LIMITS, TraceMsg, joint_flag, trace_flag};
 use crate::motion::Limit;
@@ -29,8 +28,10 @@ impl Trace {
             joints: js.joints,
             state: self.state as u32,
             fault: self.fault.map_or(0, Fault::code),
-            outcome: self.finish.map_or(0, |finish| outcome_code(finish.outcome)),
+            outcome: self.finish.map_or(0, |finish| finish.outcome.code()),
             events: self.events.iter().fold(0, |bits, event| bits | 1 << event_number(event)),
+            orders: self.orders,
+            flags: self.inputs,
             limits,
             q: js.q,
             qd: js.qd,
@@ -46,6 +47,9 @@ impl Trace {
         };
         if js.flags & joint_flag::TRUTH != 0 {
             m.flags |= trace_flag::TRUTH;
+        }
+        if self.gives_orders {
+            m.flags |= trace_flag::ORDERS_GIVEN;
         }
         if self.finish.is_some() {
             m.flags |= trace_flag::LAST;
@@ -80,16 +84,6 @@ fn verdict_code(verdict: MeasurementVerdict) -> u32 {
         MeasurementVerdict::NoTask(NoTask::NoPose) => 11,
         MeasurementVerdict::NoTask(NoTask::TooFew) => 12,
         MeasurementVerdict::NoTask(NoTask::Singular) => 13,
-    }
-}
-
-fn outcome_code(outcome: Outcome) -> u32 {
-    match outcome {
-        Outcome::Converged => 1,
-        Outcome::NotConverged => 2,
-        Outcome::Finished => 3,
-        Outcome::Stopped => 4,
-        Outcome::Fault => 5,
     }
 }
 

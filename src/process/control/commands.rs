@@ -24,16 +24,17 @@ use tracing::{Span, debug_span, info, warn};
 /// Commands that came, and those that wait for their answers.
 pub(super) struct Commands {
     server: CommandServer,
-    /// Each with its number and with a span from its coming to its answer.
-    waiting: VecDeque<(u64, Asked, Span)>,
+    /// Each with its number, the ticks that were noted when it came, and a span from its coming to its answer.
+    waiting: VecDeque<(u64, u64, Asked, Span)>,
     next: u64,
     standing: ControlAnswer,
     /// Looks for a request that failed.
     failed: u64,
     /// Requests that were answered, of which there are records.
     answered: u64,
-    /// Time of the last tick.
+    /// Time of the last tick, and how many were noted.
     noted: MonoNs,
+    ticks: u64,
 }
 
 /// What a command asks for.
@@ -72,6 +73,7 @@ impl Commands {
             failed: 0,
             answered: 0,
             noted: MonoNs::ZERO,
+            ticks: 0,
         }
     }
 
@@ -83,6 +85,7 @@ impl Commands {
         standing.fault = trace.fault.map_or(0, crate::control::safety::Fault::code);
         standing.tick = js.tick;
         self.noted = trace.time;
+        self.ticks += 1;
         standing.joints = js.joints.min(MAX_JOINTS as u32);
         (standing.q, standing.qd) = (js.q, js.qd);
         if let Some(status) = &trace.status {
@@ -124,6 +127,7 @@ impl Commands {
                     self.next += 1;
                     self.waiting.push_back((
                         self.next,
+                        self.ticks,
                         asked,
                         debug_span!("request", request = request.as_str()),
                     ));
@@ -175,7 +179,7 @@ impl Commands {
     /// Hands an answer of the loop to the client that waits for it. Returns the record of both.
     pub(super) fn answer(&mut self, answered: &Answered) -> Option<RequestMsg> {
         let place = self.waiting.iter().position(|(number, ..)| *number == answered.number);
-        let (_, asked, span) = place.and_then(|place| self.waiting.remove(place))?;
+        let (number, planned, asked, span) = place.and_then(|place| self.waiting.remove(place))?;
         let _span = span.entered();
         let command = asked.command();
         let refusal = answered.refusal.map_or(0, |refusal| refusal as u32);
@@ -191,6 +195,9 @@ impl Commands {
             sequence: self.answered,
             stamp: answered.stamp,
             tick: answered.tick,
+            number,
+            planned,
+            decided: self.ticks,
             refusal,
             state: answered.state as u32,
             goal: self.standing.goal,

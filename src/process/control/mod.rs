@@ -12,10 +12,13 @@ mod external_drive;
 mod lockstep;
 mod realtime;
 mod realtime_thread;
+mod recorded;
 mod recorder_pace;
 mod requests;
 mod run_files;
 mod stops;
+
+pub use recorded::{RecordedResults, recorded_results};
 
 use super::{Membership, ProcessError, ReportFolder, StopFlag};
 use crate::calibration::{KnownCell, Recording, stamp_offset};

@@ -310,7 +310,10 @@ impl<const N: usize> Companion<'_, N> {
 
     fn send_records(&mut self) -> Result<(), IpcError> {
         let mut sent = Ok(());
-        while let Ok(record) = self.to_send.pop() {
+        // The mission sees all that has come before it gives out orders; of that the last trace tells.
+        for after in (0..self.to_send.slots()).rev() {
+            let Ok(mut record) = self.to_send.pop() else { break };
+            record.gives_orders = after == 0;
             let record = self.note(record);
             sent = sent
                 .and(self.ports.joint_state.send_quietly(&record.joint_state))

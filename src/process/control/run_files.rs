@@ -33,20 +33,7 @@ pub(super) fn write<const N: usize>(
     history: &RunHistory,
     membership: &Membership,
 ) {
-    let robot = &run.controller().arm().robot;
-    let places = |q: &[f64]| {
-        let X_BE = robot.forward(&joints(q));
-        let X_BC = camera(&config.camera.mount, &X_BE);
-        let (p, r) = (X_BC.translation.vector, X_BC.rotation.coords);
-        (X_BE.translation.vector.into(), [p.x, p.y, p.z, r.x, r.y, r.z, r.w])
-    };
-    let files: [(&str, &dyn Fn() -> String); 4] = [
-        (TRACE, &|| history.trace_csv(places)),
-        (MEASUREMENTS, &|| history.measurements_csv()),
-        (GOAL, &|| goal(config, run)),
-        (POSES, &|| poses(config, run, history)),
-    ];
-    for (name, text) in files {
+    for (name, text) in texts(config, run, history) {
         // A long history takes its time, and the supervisor wants signs of life.
         membership.beat();
         let text = text();
@@ -55,6 +42,30 @@ pub(super) fn write<const N: usize>(
             error!("report: {} cannot be written: {cause}", path.display());
         }
     }
+}
+
+/// Name of a file, and what makes its text.
+type FileText<'a> = (&'static str, Box<dyn Fn() -> String + 'a>);
+
+/// The files with what makes their texts.
+pub(super) fn texts<'a, const N: usize>(
+    config: &'a Config,
+    run: &'a LockstepRun<N>,
+    history: &'a RunHistory,
+) -> [FileText<'a>; 4] {
+    let robot = &run.controller().arm().robot;
+    let places = move |q: &[f64]| {
+        let X_BE = robot.forward(&joints(q));
+        let X_BC = camera(&config.camera.mount, &X_BE);
+        let (p, r) = (X_BC.translation.vector, X_BC.rotation.coords);
+        (X_BE.translation.vector.into(), [p.x, p.y, p.z, r.x, r.y, r.z, r.w])
+    };
+    [
+        (TRACE, Box::new(move || history.trace_csv(places))),
+        (MEASUREMENTS, Box::new(|| history.measurements_csv())),
+        (GOAL, Box::new(|| goal(config, run))),
+        (POSES, Box::new(|| poses(config, run, history))),
+    ]
 }
 
 fn joints<const N: usize>(q: &[f64]) -> SVector<f64, N> {

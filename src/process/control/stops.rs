@@ -37,7 +37,7 @@ impl Stops {
         for halt in Halt::ALL {
             if let Some(number) = self.word.asked(halt) {
                 // Refused only where the run ends anyway.
-                let _ = control.request(request(halt));
+                let _ = control.halt(request(halt));
                 self.word.take(halt, number, control.controller().state().told());
             }
         }

@@ -39,8 +39,9 @@ pub fn run_page(r: &RunRecord) -> String {
 fn head(r: &RunRecord) -> String {
     let class = if r.is_good { "verdict" } else { "verdict bad" };
     let mut html = format!(
-        "<p class=\"{class}\">{}</p>\n<p class=\"note\">vservo {}, seed {}. This repeats it{}:</p>\n",
+        "<p class=\"{class}\">{}</p>\n{}<p class=\"note\">vservo {}, seed {}. This repeats it{}:</p>\n",
         escaped(&r.verdict),
+        explanation(r),
         escaped(&r.version),
         r.seed,
         if r.simulated_time { ", to the last bit" } else { "" }
@@ -53,6 +54,26 @@ fn head(r: &RunRecord) -> String {
         let _ = write!(html, "<div><dt>{}</dt><dd>{}</dd></div>", escaped(name), escaped(value));
     }
     html + "</dl>\n"
+}
+
+/// The findings, the likeliest cause first, and what limited the speed.
+fn explanation(r: &RunRecord) -> String {
+    let mut html = String::new();
+    if !r.findings.is_empty() {
+        html += "<ol>";
+        for finding in &r.findings {
+            let [what, evidence, change] = finding.each_ref().map(|text| escaped(text));
+            let _ = write!(
+                html,
+                "<li>{what} <span class=\"note\">Evidence: {evidence}. Change: {change}</span></li>"
+            );
+        }
+        html += "</ol>\n";
+    }
+    if !r.speed.is_empty() {
+        let _ = writeln!(html, "<p class=\"note\">Speed: {}</p>", escaped(&r.speed));
+    }
+    html
 }
 
 fn files(r: &RunRecord) -> String {
@@ -108,6 +129,16 @@ mod tests {
         }
         // The name of SVG's language is no address that anybody asks.
         assert!(!html.replace("http://www.w3.org/2000/svg", "").contains("http") && !html.contains("NaN"));
+    }
+
+    #[test]
+    fn the_page_begins_with_what_was_found_out() {
+        let findings = vec![["it jammed".into(), "q & qd".into(), "free it".into()]];
+        let html = run_page(&RunRecord { findings, speed: "the <law>".into(), ..RunRecord::default() });
+        assert!(html.contains(
+            "<li>it jammed <span class=\"note\">Evidence: q &amp; qd. Change: free it</span></li>"
+        ));
+        assert!(html.contains("Speed: the &lt;law&gt;"));
     }
 
     #[test]

@@ -11,6 +11,10 @@ pub struct RunRecord {
     pub verdict: String,
     /// Whether it ended as it should.
     pub is_good: bool,
+    /// What was found out about it: what happened, from what that is concluded, what to change.
+    pub findings: Vec<[String; 3]>,
+    /// What limited its speed.
+    pub speed: String,
     /// What there is to tell beside the figures: names and values.
     pub facts: Vec<(String, String)>,
     /// The version of the program.

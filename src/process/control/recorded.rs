@@ -1,0 +1,80 @@
+//! What a run leaves, from its recording: it is replayed, and counted and remembered as it was while it ran.
+
+use super::deadlines::Deadlines;
+use super::{Pace, run_files, summary};
+use crate::config::{Clock, Config};
+use crate::mission::LockstepRun;
+use crate::replay::{ControlAgain, How, RecordedRun, ReplayError};
+use crate::report::summary::{Summary, TickTimes};
+use crate::robot::Robot;
+use crate::sim::preflight::Preflight;
+use crate::time::{MonoNs, SpanNs};
+use std::io::Read;
+
+/// What a run left.
+pub struct RecordedResults {
+    /// Its summary, without what only its processes knew: their use of the machine, wake-ups.
+    pub summary: Summary,
+    /// The files of its report that control writes, with their names.
+    pub files: Vec<(&'static str, String)>,
+}
+
+/// Results of a recorded run of `config`.
+///
+/// # Errors
+/// When the recording cannot be replayed, or not to the bit.
+pub fn recorded_results<R: Read>(
+    recorded: &mut RecordedRun<R>,
+    config: &Config,
+) -> Result<RecordedResults, ReplayError> {
+    crate::dispatch_robot!(config.robot, |robot| of_robot(recorded, config, robot))?
+}
+
+fn of_robot<R: Read, const N: usize>(
+    recorded: &mut RecordedRun<R>,
+    config: &Config,
+    robot: Robot<N>,
+) -> Result<RecordedResults, ReplayError> {
+    let mut again = ControlAgain::new(config, robot, How::Exactly)?;
+    let mut history = run_files::history(config, &again.mission);
+    let mut deadlines: Option<Deadlines> = None;
+    let mut span = (MonoNs::ZERO, MonoNs::ZERO);
+    let replayed = again.run(recorded, &mut |trace, measurement| {
+        measurement.into_iter().for_each(|m| history.note_measurement(m));
+        history.note(trace);
+        let deadlines = deadlines.get_or_insert_with(|| {
+            span.0 = trace.time;
+            Deadlines::new(trace.time)
+        });
+        // Of the waking nothing is recorded.
+        deadlines.woken(trace.time);
+        deadlines.done(trace.commanded);
+        span.1 = trace.commanded;
+    })?;
+    if let Some(difference) = replayed.difference {
+        return Err(ReplayError::Differs(difference));
+    }
+    let pace = match (config.clock, deadlines) {
+        (Clock::Realtime, Some(deadlines)) => Pace {
+            missed_deadlines: deadlines.missed(),
+            skipped_ticks: deadlines.skipped(),
+            tick_us: TickTimes {
+                wake: TickTimes::default().wake,
+                step: TickTimes::default().step,
+                ..deadlines.times()
+            },
+            ..Pace::without_deadlines()
+        },
+        _ => Pace::without_deadlines(),
+    };
+    let ControlAgain { control, mission, statistics, .. } = again;
+    let run = LockstepRun { control, mission };
+    let wall: SpanNs = span.1 - span.0;
+    let mut summary = summary(config, &run, &statistics, pace, wall);
+    summary.stability = Preflight::of(config).ok().and_then(|preflight| preflight.stability);
+    if let Some(why) = replayed.gap.or(replayed.cut_off) {
+        summary.reason = format!("the recording ends before the run: {why}");
+    }
+    let files = run_files::texts(config, &run, &history).map(|(name, text)| (name, text()));
+    Ok(RecordedResults { summary, files: files.into() })
+}

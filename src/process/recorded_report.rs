@@ -1,0 +1,117 @@
+//! A report, and the evidence for an explanation, from a recording or from the folder of an earlier report.
+
+use super::control::{RecordedResults, recorded_results};
+use super::report_folder::{CONFIG, MEASUREMENTS, SUMMARY, TRACE};
+use super::report_images::ReportImages;
+use super::{NewReport, ProcessError, ReportFolder, run_report};
+use crate::config::Config;
+use crate::explain::Evidence;
+use crate::messages::{FrameHeader, Measurement};
+use crate::record::RecordingReader;
+use crate::replay::{RecordedRun, ReplayError};
+use crate::report::csv_table::CsvTable;
+use std::collections::VecDeque;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+/// Frames that wait for their measurements. Derived: as many as `replay` keeps.
+const WAITING: usize = 128;
+
+/// What a recorded run left, for an explanation.
+///
+/// # Errors
+/// When it cannot be replayed.
+pub fn evidence_of_recording<R: Read>(
+    reader: RecordingReader<R>,
+    config: Config,
+) -> Result<Evidence, ReplayError> {
+    let RecordedResults { summary, files } = recorded_results(&mut RecordedRun::new(reader)?, &config)?;
+    let table = |wanted: &str| {
+        let found = files.iter().find(|(name, _)| *name == wanted);
+        found.map(|(_, text)| CsvTable::parse(text)).unwrap_or_default()
+    };
+    Ok(Evidence { trace: table(TRACE), measurements: table(MEASUREMENTS), summary, config })
+}
+
+/// The same from the folder of a report.
+///
+/// # Errors
+/// When there is none.
+pub fn evidence_of_report(path: &Path) -> Result<Evidence, ProcessError> {
+    let folder = ReportFolder::of_run(path);
+    let text = |name: &str| folder.read(name).map(|bytes| String::from_utf8_lossy(&bytes).into_owned());
+    let summary = text(SUMMARY).and_then(|text| serde_json::from_str(&text).ok());
+    let (Some(summary), Some(config)) = (summary, text(CONFIG)) else {
+        return Err(ProcessError::NoCommand(format!(
+            "{}: no recording, and no folder of a report of this version ({SUMMARY}, {CONFIG})",
+            path.display()
+        )));
+    };
+    let table = |name: &str| CsvTable::parse(&text(name).unwrap_or_default());
+    let config = Config::parse(CONFIG, &config, path, &[])?;
+    Ok(Evidence { trace: table(TRACE), measurements: table(MEASUREMENTS), summary, config })
+}
+
+/// Makes the report of a recorded run, which `opened` opens twice; where the page is. `commands` repeat it.
+///
+/// # Errors
+/// When it cannot be replayed, or a file cannot be written.
+pub fn write_recorded<R: Read>(
+    report: NewReport,
+    config: &Config,
+    opened: impl Fn() -> Result<RecordingReader<R>, ReplayError>,
+    path: &Path,
+    commands: &[String],
+) -> Result<PathBuf, ProcessError> {
+    let wrong = |cause: ReplayError| ProcessError::Replay { path: path.into(), cause: Box::new(cause) };
+    let results = opened().and_then(RecordedRun::new).and_then(|mut run| recorded_results(&mut run, config));
+    let RecordedResults { summary, files } = results.map_err(wrong)?;
+    for (name, text) in files {
+        report.folder().write(name, text)?;
+    }
+    opened().and_then(|mut reader| images(&mut reader, report.folder(), config)).map_err(wrong)?;
+    run_report::write(report, config, &summary, commands)
+}
+
+/// The frames that a report shows.
+fn images<R: Read>(
+    reader: &mut RecordingReader<R>,
+    folder: &ReportFolder,
+    config: &Config,
+) -> Result<(), ReplayError> {
+    let mut images = ReportImages::new(Some(folder), &config.camera);
+    let mut frames: VecDeque<(FrameHeader, Vec<u8>)> = VecDeque::new();
+    let mut measurements: VecDeque<Measurement> = VecDeque::new();
+    let mut header: Option<FrameHeader> = None;
+    let id = config.camera.id;
+    let topics = ["frame_header", "frame"].map(|name| format!("/camera/{id}/{name}"));
+    while let Some(message) = reader.next_message()? {
+        let topic = message.topic();
+        if topic == topics[0] {
+            header = Some(message.record()?);
+        } else if topic == topics[1] {
+            frames.extend(header.take().zip(message.image().ok().map(|image| image.pixels.to_vec())));
+        } else if topic.starts_with("/vision/") {
+            measurements.push_back(message.record()?);
+        }
+        let of = |m: &Measurement, h: &FrameHeader| (m.frame_id, m.exposure) == (h.frame_id, h.exposure);
+        while let Some(m) = measurements.front().copied() {
+            let Some(at) = frames.iter().position(|(header, _)| of(&m, header)) else { break };
+            frames.drain(..at);
+            if let Some((header, pixels)) = frames.pop_front() {
+                images.note_pixels(&header, &pixels);
+                images.note_measurement(&m);
+            }
+            measurements.pop_front();
+        }
+        // What has no other half is passed over.
+        if frames.len() > WAITING {
+            frames.pop_front();
+        }
+        if measurements.len() > WAITING {
+            measurements.pop_front();
+        }
+    }
+    images.write();
+    Ok(())
+}

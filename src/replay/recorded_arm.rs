@@ -1,0 +1,78 @@
+//! The arm of a replay: it was where the recording says, whatever it is told.
+
+use crate::control::safety::Fault;
+use crate::drive::{CommandMode, Drive, DriveCommand, DriveHealth, DriveState};
+use crate::messages::{MAX_JOINTS, TraceMsg, trace_flag};
+use crate::time::MonoNs;
+use nalgebra::SVector;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// What the drive said at one tick.
+#[derive(Debug, Clone, Copy)]
+struct Then<const N: usize> {
+    state: DriveState<N>,
+    health: DriveHealth,
+    /// Whether the state came late.
+    late: bool,
+}
+
+/// A drive that gives back what was recorded; a copy is the other end of the same one.
+#[derive(Debug, Clone)]
+pub(super) struct RecordedArm<const N: usize>(Arc<Mutex<Then<N>>>);
+
+impl<const N: usize> RecordedArm<N> {
+    pub(super) fn new() -> Self {
+        let zero = SVector::zeros();
+        let state = DriveState { q: zero, qd: zero, truth: None };
+        Self(Arc::new(Mutex::new(Then { state, health: DriveHealth::default(), late: false })))
+    }
+
+    /// The next state and fault are those of the tick of `trace`.
+    pub(super) fn set(&self, trace: &TraceMsg) {
+        let mut then = self.then();
+        let truth = trace.flags & trace_flag::TRUTH != 0;
+        then.state = DriveState {
+            q: vector(&trace.q),
+            qd: vector(&trace.qd),
+            truth: truth.then(|| (vector(&trace.q_true), vector(&trace.qd_true))),
+        };
+        then.late = trace.flags & trace_flag::LATE_STATE != 0;
+        then.health.fault = match reported_fault(trace) {
+            Some(Fault::Drive(fault)) => Some(fault),
+            _ => None,
+        };
+    }
+
+    fn then(&self) -> MutexGuard<'_, Then<N>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// The fault that was reported to control at a tick.
+pub(super) fn reported_fault(trace: &TraceMsg) -> Option<Fault> {
+    Fault::from_code(trace.flags >> trace_flag::REPORTED_FAULT)
+}
+
+impl<const N: usize> Drive<N> for RecordedArm<N> {
+    fn read(&mut self, _now: MonoNs) -> DriveState<N> {
+        let mut then = self.then();
+        if std::mem::take(&mut then.late) {
+            then.health.late_states += 1;
+        }
+        then.state
+    }
+
+    fn write(&mut self, _command: &DriveCommand<N>) {}
+
+    fn modes(&self) -> &'static [CommandMode] {
+        &CommandMode::ALL
+    }
+
+    fn health(&self) -> DriveHealth {
+        self.then().health
+    }
+}
+
+fn vector<const N: usize>(v: &[f64; MAX_JOINTS]) -> SVector<f64, N> {
+    SVector::from_fn(|i, _| v.get(i).copied().unwrap_or_default())
+}

@@ -1,0 +1,146 @@
+//! A recording as control saw it: tick by tick, each with the measurement that was taken at it. Records of one instant stand within a few seconds of
+//! each other in a file, so that a run of hours needs no more memory than one of seconds.
+
+use super::ReplayError;
+use crate::config::Config;
+use crate::control::trace::FrameStamps;
+use crate::messages::{Measurement, RequestMsg, TraceMsg, trace_flag};
+use crate::record::{RUN_FILE, RecordingReader};
+use std::collections::VecDeque;
+use std::io::Read;
+use std::path::Path;
+
+/// Ticks that are read ahead, so that what belongs to one has been read, wherever in the file it stands. Derived: the longest queue on the way into a
+/// recording holds 1024 ticks, and twice of it can lie between two services that are read by turns; twice of that for what comes late from clients.
+const AHEAD: usize = 4096;
+
+/// One tick with what control took at it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RecordedTick {
+    /// Its record.
+    pub trace: TraceMsg,
+    /// The measurement that was taken.
+    pub measurement: Option<Measurement>,
+}
+
+/// Reads a recording for control.
+pub struct RecordedRun<R: Read> {
+    reader: RecordingReader<R>,
+    traces: VecDeque<TraceMsg>,
+    measurements: VecDeque<Measurement>,
+    requests: VecDeque<RequestMsg>,
+    /// Number of the next record of control.
+    next: u64,
+    /// Whether the last record of the run was given.
+    is_over: bool,
+    /// Why there is no more, where the file goes on.
+    gap: Option<String>,
+}
+
+/// The run file in a recording with settings `set`, and its text. Paths in it are absolute.
+///
+/// # Errors
+/// When there is none, or not one of this version.
+pub fn recorded_config<R: Read>(reader: &RecordingReader<R>, set: &[String]) -> Result<Config, ReplayError> {
+    let text = reader.attachments().get(RUN_FILE).ok_or(ReplayError::NoRunFile)?;
+    Ok(Config::parse(RUN_FILE, &String::from_utf8_lossy(text), Path::new("/"), set)?)
+}
+
+impl<R: Read> RecordedRun<R> {
+    /// Of a recording from whose messages nothing was taken yet.
+    ///
+    /// # Errors
+    /// When it has no tick, or not the first one.
+    pub fn new(reader: RecordingReader<R>) -> Result<Self, ReplayError> {
+        let mut run = Self {
+            reader,
+            traces: VecDeque::new(),
+            measurements: VecDeque::new(),
+            requests: VecDeque::new(),
+            next: 0,
+            is_over: false,
+            gap: None,
+        };
+        run.fill()?;
+        match run.traces.front() {
+            None => Err(ReplayError::NoTicks),
+            Some(first) if first.sequence > 0 => Err(ReplayError::NoBegin(first.sequence)),
+            Some(_) => Ok(run),
+        }
+    }
+
+    /// Reads until enough ticks lie ahead, or to the end.
+    fn fill(&mut self) -> Result<(), ReplayError> {
+        while self.traces.len() < AHEAD {
+            let Some(message) = self.reader.next_message()? else { break };
+            match message.topic() {
+                "/control/trace" => self.traces.push_back(message.record()?),
+                "/control/request" => self.requests.push_back(message.record()?),
+                topic if topic.starts_with("/vision/") => self.measurements.push_back(message.record()?),
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+
+    /// The next tick; `None` at the end, and where something is missing ([`Self::gap`]).
+    ///
+    /// # Errors
+    /// When the file cannot be read, or has records of another version.
+    pub fn next_tick(&mut self) -> Result<Option<RecordedTick>, ReplayError> {
+        self.fill()?;
+        let Some(trace) = self.traces.pop_front().filter(|_| self.gap.is_none()) else { return Ok(None) };
+        if trace.sequence != self.next {
+            self.gap = Some(match trace.sequence {
+                0 => format!("another run begins after tick {} of control", self.next),
+                later => format!("{} ticks are missing before tick {}", later - self.next, trace.tick),
+            });
+            return Ok(None);
+        }
+        self.next += 1;
+        self.is_over = trace.flags & trace_flag::LAST != 0;
+        let mut measurement = None;
+        if trace.flags & trace_flag::MEASUREMENT != 0 {
+            let Some(at) = self.measurements.iter().position(|m| FrameStamps::of(m) == stamps(&trace)) else {
+                self.gap = Some(format!(
+                    "the measurement of frame {} is missing, which control took at tick {}",
+                    trace.frame_id, trace.tick
+                ));
+                return Ok(None);
+            };
+            // Those before it were overtaken.
+            self.measurements.drain(..at);
+            measurement = self.measurements.pop_front();
+        }
+        Ok(Some(RecordedTick { trace, measurement }))
+    }
+
+    /// The requests that have been read, in the order of their answers.
+    pub(super) fn requests(&mut self) -> impl Iterator<Item = RequestMsg> {
+        self.requests.drain(..)
+    }
+
+    /// What is missing, where the run cannot be followed any further.
+    #[must_use]
+    pub fn gap(&self) -> Option<&str> {
+        self.gap.as_deref()
+    }
+
+    /// Why the file has no end of its own, where the run has none either.
+    #[must_use]
+    pub fn cut_off(&self) -> Option<&str> {
+        self.reader.cut_off().filter(|_| !self.is_over)
+    }
+}
+
+/// The stamps of the measurement that a tick took.
+fn stamps(trace: &TraceMsg) -> FrameStamps {
+    FrameStamps {
+        frame_id: trace.frame_id,
+        camera: trace.camera,
+        exposure: trace.exposure,
+        sent: trace.frame_sent,
+        vision_start: trace.vision_start,
+        vision_end: trace.vision_end,
+    }
+}
