@@ -11,7 +11,7 @@
 //! ```
 //! The one of them that explains most of the spread, by least squares, is told with its size.
 
-use super::{Cause, Evidence, Finding, median};
+use super::{Cause, RunEvidence, RunFinding, median};
 use crate::control::outcome::Outcome;
 use crate::mission::residual::OUT_OF_REACH;
 use crate::robot::Mount;
@@ -31,7 +31,7 @@ const SMOOTH_SHARE: f64 = 0.2;
 const MOTION_M: f64 = 0.01;
 
 /// One place of the target.
-struct Place {
+struct SeenPlace {
     time_s: f64,
     p_BO: Vector3<f64>,
     velocity: Vector3<f64>,
@@ -39,7 +39,7 @@ struct Place {
     p_CO: Vector3<f64>,
 }
 
-pub(super) fn findings(evidence: &Evidence) -> Vec<Finding> {
+pub(super) fn findings(evidence: &RunEvidence) -> Vec<RunFinding> {
     let mut found = Vec::from_iter(lens(evidence));
     found.extend(depth(evidence));
     // Of a target on the flange the report does not have the flange's orientation.
@@ -49,7 +49,7 @@ pub(super) fn findings(evidence: &Evidence) -> Vec<Finding> {
     }
     if evidence.summary.reason == OUT_OF_REACH && found.is_empty() {
         let px = evidence.summary.final_errors.feature_error_px.unwrap_or(f64::NAN);
-        found.push(Finding {
+        found.push(RunFinding {
             cause: Cause::WrongLens,
             what: "the arm stands where the law feels no error any more, and the image is not the goal's: lens, mount or target are not as described".into(),
             evidence: format!("{px:.3} px remain, and do not change"),
@@ -60,7 +60,7 @@ pub(super) fn findings(evidence: &Evidence) -> Vec<Finding> {
 }
 
 /// Points that fit no pose of the target through this lens.
-fn lens(evidence: &Evidence) -> Option<Finding> {
+fn lens(evidence: &RunEvidence) -> Option<RunFinding> {
     let table = &evidence.measurements;
     let refused = (0..table.rows()).filter(|row| table.word("status", *row) == "Inconsistent").count();
     let model_error = evidence.summary.model_error.as_ref();
@@ -70,7 +70,7 @@ fn lens(evidence: &Evidence) -> Option<Finding> {
     }
     let rms_px = median(table.numbers("reprojection_rms_px").iter().copied());
     let told = model_error.map_or(String::new(), |error| format!("; {}", error.to_text()));
-    Some(Finding {
+    Some(RunFinding {
         cause: Cause::WrongLens,
         what: "the points of the target fit no pose of it: the lens, or the target, is not as described"
             .into(),
@@ -83,7 +83,7 @@ fn lens(evidence: &Evidence) -> Option<Finding> {
 }
 
 /// The depth that the law is told to take, beside the measured one.
-fn depth(evidence: &Evidence) -> Option<Finding> {
+fn depth(evidence: &RunEvidence) -> Option<RunFinding> {
     // Chosen by hand: the gain is wrong by the same factor, which a loop bears up to a half.
     const BEARABLE: std::ops::RangeInclusive<f64> = 0.67..=1.5;
     let servo = &evidence.config.effective.servo;
@@ -93,7 +93,7 @@ fn depth(evidence: &Evidence) -> Option<Finding> {
     if word.as_str() != Some("constant") || !factor.is_finite() || BEARABLE.contains(&factor) {
         return None;
     }
-    Some(Finding {
+    Some(RunFinding {
         cause: Cause::WrongDepth,
         what: format!(
             "the law takes a depth that is {factor:.2} times the target's: it is as if the gain were wrong by that factor"
@@ -107,7 +107,7 @@ fn depth(evidence: &Evidence) -> Option<Finding> {
 }
 
 /// The places of all measurements with a pose.
-fn places(evidence: &Evidence) -> Vec<Place> {
+fn places(evidence: &RunEvidence) -> Vec<SeenPlace> {
     let (trace, table) = (&evidence.trace, &evidence.measurements);
     let times = trace.numbers("time_s");
     let numbers = |names: [&str; 3], row| names.map(|name| table.number(name, row));
@@ -125,33 +125,33 @@ fn places(evidence: &Evidence) -> Vec<Place> {
         let p_BO = at(p0.lerp(&p1, share), q);
         let velocity = (at(p1, q1) - at(p0, q0)) / span;
         let finite = p_BO.iter().chain(&velocity).all(|x| x.is_finite());
-        finite.then(|| Place { time_s, p_BO, velocity, R_BC: q.to_rotation_matrix().into_inner(), p_CO })
+        finite.then(|| SeenPlace { time_s, p_BO, velocity, R_BC: q.to_rotation_matrix().into_inner(), p_CO })
     };
     (0..table.rows()).filter_map(place).collect()
 }
 
 /// X_BC at a tick.
-fn camera(evidence: &Evidence, row: usize) -> Option<(Vector3<f64>, UnitQuaternion<f64>)> {
+fn camera(evidence: &RunEvidence, row: usize) -> Option<(Vector3<f64>, UnitQuaternion<f64>)> {
     let [x, y, z] = ["C_x_m", "C_y_m", "C_z_m"].map(|name| evidence.trace.number(name, row));
     let [i, j, k, w] = ["C_qx", "C_qy", "C_qz", "C_qw"].map(|name| evidence.trace.number(name, row));
     w.is_finite()
         .then(|| (Vector3::new(x, y, z), UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k))))
 }
 
-fn columns(place: &Place, cause: Kind) -> DMatrix<f64> {
+fn columns(place: &SeenPlace, cause: CellError) -> DMatrix<f64> {
     let three = |m: Matrix3<f64>| DMatrix::from_fn(3, 3, |i, j| m[(i, j)]);
     let one = |v: Vector3<f64>| DMatrix::from_fn(3, 1, |i, _| v[i]);
     match cause {
-        Kind::Stamps => one(place.velocity),
-        Kind::Turn => three(place.R_BC * place.p_CO.cross_matrix()),
-        Kind::Displacement => three(-place.R_BC),
-        Kind::Scale => one(place.R_BC * place.p_CO),
-        Kind::Motion => three(Matrix3::identity() * place.time_s),
+        CellError::Stamps => one(place.velocity),
+        CellError::Turn => three(place.R_BC * place.p_CO.cross_matrix()),
+        CellError::Displacement => three(-place.R_BC),
+        CellError::Scale => one(place.R_BC * place.p_CO),
+        CellError::Motion => three(Matrix3::identity() * place.time_s),
     }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Kind {
+enum CellError {
     Stamps,
     Turn,
     Displacement,
@@ -159,10 +159,11 @@ enum Kind {
     Motion,
 }
 
-const KINDS: [Kind; 5] = [Kind::Stamps, Kind::Turn, Kind::Displacement, Kind::Scale, Kind::Motion];
+const KINDS: [CellError; 5] =
+    [CellError::Stamps, CellError::Turn, CellError::Displacement, CellError::Scale, CellError::Motion];
 
 /// What is left of the spread, m, and the size of the error, which explains most of it.
-fn fit(places: &[Place], mean: &Vector3<f64>, kind: Option<Kind>) -> Option<(f64, Vec<f64>)> {
+fn fit(places: &[SeenPlace], mean: &Vector3<f64>, kind: Option<CellError>) -> Option<(f64, Vec<f64>)> {
     let unknowns = kind.map_or(0, |kind| places.first().map_or(0, |place| columns(place, kind).ncols()));
     let n = 3 + unknowns;
     let (mut normal, mut right, mut square) = (DMatrix::zeros(n, n), DVector::zeros(n), 0.0);
@@ -186,7 +187,7 @@ fn fit(places: &[Place], mean: &Vector3<f64>, kind: Option<Kind>) -> Option<(f64
     Some((left, x.iter().skip(3).copied().collect()))
 }
 
-fn at_rest(evidence: &Evidence, places: &[Place]) -> Option<Finding> {
+fn at_rest(evidence: &RunEvidence, places: &[SeenPlace]) -> Option<RunFinding> {
     if places.len() < FEWEST {
         return None;
     }
@@ -213,7 +214,7 @@ fn at_rest(evidence: &Evidence, places: &[Place]) -> Option<Finding> {
     };
     let first = size.first().copied().unwrap_or(f64::NAN);
     let (cause, what, change) = match kind {
-        Kind::Stamps => {
+        CellError::Stamps => {
             let ms = first * 1e3;
             let now = evidence.config.effective.camera.stamp_offset_ms;
             (
@@ -229,7 +230,7 @@ fn at_rest(evidence: &Evidence, places: &[Place]) -> Option<Finding> {
                 ),
             )
         }
-        Kind::Turn => (
+        CellError::Turn => (
             Cause::WrongMount,
             format!(
                 "the camera is turned against its mount by ({}) deg about its axes",
@@ -237,12 +238,12 @@ fn at_rest(evidence: &Evidence, places: &[Place]) -> Option<Finding> {
             ),
             "camera.mount.rotation_rpy_rad: `vservo calibrate hand-eye`".into(),
         ),
-        Kind::Displacement => (
+        CellError::Displacement => (
             Cause::WrongMount,
             format!("the camera is displaced against its mount by ({}) mm along its axes", list(mm, 1)),
             "camera.mount.position_m: `vservo calibrate hand-eye`".into(),
         ),
-        Kind::Scale => (
+        CellError::Scale => (
             Cause::WrongScale,
             format!(
                 "distances are measured {:.1} % too {}: the target has another size, or the lens another focal length",
@@ -251,17 +252,17 @@ fn at_rest(evidence: &Evidence, places: &[Place]) -> Option<Finding> {
             ),
             "[target]: measure its size; [camera.lens] fx_px, fy_px: `vservo calibrate camera`".into(),
         ),
-        Kind::Motion => (
+        CellError::Motion => (
             Cause::ObjectMoves,
             format!("the object moves by ({}) mm/s in B", list(mm, 0)),
             "servo.object.moves = true".into(),
         ),
     };
-    Some(Finding { cause, what, evidence: told, change })
+    Some(RunFinding { cause, what, evidence: told, change })
 }
 
 /// A spread that no error of the description explains, but that is smooth: the object moves as it likes.
-fn moves_otherwise(evidence: &Evidence, places: &[Place], spread: f64) -> Option<Finding> {
+fn moves_otherwise(evidence: &RunEvidence, places: &[SeenPlace], spread: f64) -> Option<RunFinding> {
     let steps = places.windows(2).map(|pair| match pair {
         [a, b] => (b.p_BO - a.p_BO).norm(),
         _ => f64::NAN,
@@ -270,7 +271,7 @@ fn moves_otherwise(evidence: &Evidence, places: &[Place], spread: f64) -> Option
     if spread < MOTION_M || step > SMOOTH_SHARE * spread || evidence.summary.outcome == Outcome::Fault {
         return None;
     }
-    Some(Finding {
+    Some(RunFinding {
         cause: Cause::ObjectMoves,
         what: "the object moves by itself".into(),
         evidence: format!(

@@ -1,6 +1,6 @@
 //! Do the joints do what they are told? The faults of a run, and what came before them in the joints' own records.
 
-use super::{Cause, Evidence, Finding, median};
+use super::{Cause, RunEvidence, RunFinding, median};
 use crate::config::DriveKind;
 use crate::control::outcome::Outcome;
 use crate::control::safety::Fault;
@@ -22,7 +22,7 @@ const MOVING_SHARE: f64 = 0.05;
 const STANDS: usize = 20;
 
 /// The columns of one joint.
-struct Joint<'a> {
+struct JointColumns<'a> {
     number: usize,
     q: &'a [f64],
     qd: &'a [f64],
@@ -31,9 +31,9 @@ struct Joint<'a> {
     tau: &'a [f64],
 }
 
-fn joints(evidence: &Evidence) -> Vec<Joint<'_>> {
+fn joints(evidence: &RunEvidence) -> Vec<JointColumns<'_>> {
     let column = |name: &str, number: usize| evidence.trace.numbers(&format!("{name}_{number}"));
-    let joint = |number| Joint {
+    let joint = |number| JointColumns {
         number,
         q: column("q", number),
         qd: column("qd", number),
@@ -44,7 +44,7 @@ fn joints(evidence: &Evidence) -> Vec<Joint<'_>> {
     (1..=evidence.config.robot.joint_count()).map(joint).filter(|joint| !joint.q.is_empty()).collect()
 }
 
-pub(super) fn findings(evidence: &Evidence) -> Vec<Finding> {
+pub(super) fn findings(evidence: &RunEvidence) -> Vec<RunFinding> {
     let joints = joints(evidence);
     let mut found = Vec::new();
     if evidence.config.drive.mode == CommandMode::Torque && evidence.config.drive.kind != DriveKind::None {
@@ -57,7 +57,7 @@ pub(super) fn findings(evidence: &Evidence) -> Vec<Finding> {
 }
 
 /// The fault that ended the run.
-fn fault(evidence: &Evidence, joints: &[Joint<'_>]) -> Option<Finding> {
+fn fault(evidence: &RunEvidence, joints: &[JointColumns<'_>]) -> Option<RunFinding> {
     let summary = &evidence.summary;
     if summary.outcome != Outcome::Fault {
         return None;
@@ -68,7 +68,7 @@ fn fault(evidence: &Evidence, joints: &[Joint<'_>]) -> Option<Finding> {
     if matches!(fault, Some(Fault::DoesNotFollow | Fault::Contact | Fault::TrackingError))
         && let Some((joint, row, speed)) = joints.iter().find_map(stop)
     {
-        return Some(Finding {
+        return Some(RunFinding {
             cause: Cause::Jammed,
             what: format!(
                 "joint {} was stopped from one tick to the next, and stands: it is jammed, braked, or ran against something hard",
@@ -83,13 +83,13 @@ fn fault(evidence: &Evidence, joints: &[Joint<'_>]) -> Option<Finding> {
     }
     match fault {
         Some(Fault::DoesNotFollow | Fault::TrackingError) => Some(does_not_follow(evidence, joints)),
-        Some(Fault::Contact) => Some(Finding {
+        Some(Fault::Contact) => Some(RunFinding {
             cause: Cause::Contact,
             what: "something touched the arm, or pushes it".into(),
             evidence: summary.contact.as_ref().map_or(summary.reason.clone(), |contact| contact.to_text()),
             change: "clear its way; safety.contact for an arm that is to be touched; [tool] and friction in the robot file where nothing does".into(),
         }),
-        Some(Fault::DeadlinesMissed) => Some(Finding {
+        Some(Fault::DeadlinesMissed) => Some(RunFinding {
             cause: Cause::Deadlines,
             what: "control did not get its core in time".into(),
             evidence: format!(
@@ -98,7 +98,7 @@ fn fault(evidence: &Evidence, joints: &[Joint<'_>]) -> Option<Finding> {
             ),
             change: "realtime.policy = \"enforce\", realtime.cpu; `vservo doctor` tells what the machine lacks".into(),
         }),
-        _ => Some(Finding {
+        _ => Some(RunFinding {
             cause: Cause::OtherFault,
             what: summary.reason.clone(),
             evidence: "the fault of the run".into(),
@@ -108,8 +108,8 @@ fn fault(evidence: &Evidence, joints: &[Joint<'_>]) -> Option<Finding> {
 }
 
 /// The joint that is farthest from its reference, of those that hardly moved.
-fn does_not_follow(evidence: &Evidence, joints: &[Joint<'_>]) -> Finding {
-    let off = |joint: &&Joint<'_>| match (joint.q.last(), joint.q_r.last()) {
+fn does_not_follow(evidence: &RunEvidence, joints: &[JointColumns<'_>]) -> RunFinding {
+    let off = |joint: &&JointColumns<'_>| match (joint.q.last(), joint.q_r.last()) {
         (Some(q), Some(q_r)) => (q - q_r).abs(),
         _ => 0.0,
     };
@@ -126,7 +126,7 @@ fn does_not_follow(evidence: &Evidence, joints: &[Joint<'_>]) -> Finding {
             100.0 * greatest(joint.tau) / limit,
         )
     });
-    Finding {
+    RunFinding {
         cause: Cause::Friction,
         what: "a joint does not get off: friction that nobody told, a brake, or a drive that is off".into(),
         evidence,
@@ -137,7 +137,7 @@ fn does_not_follow(evidence: &Evidence, joints: &[Joint<'_>]) -> Finding {
 }
 
 /// Where a moving joint stood from one tick to the next, though its reference went on: the row, and its speed before.
-fn stop<'a, 'b>(joint: &'b Joint<'a>) -> Option<(&'b Joint<'a>, usize, f64)> {
+fn stop<'a, 'b>(joint: &'b JointColumns<'a>) -> Option<(&'b JointColumns<'a>, usize, f64)> {
     let fastest = greatest(joint.qd);
     let speed = |row: usize| joint.qd.get(row).map_or(f64::NAN, |v| v.abs());
     let stopped = |row: &usize| {
@@ -155,14 +155,14 @@ fn greatest(values: &[f64]) -> f64 {
 }
 
 /// The delay from torque to acceleration, where it is clear in two joints or more.
-fn delay(joints: &[Joint<'_>]) -> Option<Finding> {
+fn delay(joints: &[JointColumns<'_>]) -> Option<RunFinding> {
     let late: Vec<(usize, f64)> = joints.iter().filter_map(late).collect();
     if late.len() < 2 {
         return None;
     }
     let ticks = median(late.iter().map(|(ticks, _)| *ticks as f64));
     let clear = median(late.iter().map(|(_, clear)| *clear));
-    Some(Finding {
+    Some(RunFinding {
         cause: Cause::DriveDelay,
         what: format!("the drive obeys {ticks:.0} ms late"),
         evidence: format!(
@@ -174,7 +174,7 @@ fn delay(joints: &[Joint<'_>]) -> Option<Finding> {
 }
 
 /// Ticks by which a joint answers late, and its correlation there.
-fn late(joint: &Joint<'_>) -> Option<(usize, f64)> {
+fn late(joint: &JointColumns<'_>) -> Option<(usize, f64)> {
     let acceleration: Vec<f64> = joint
         .qd
         .windows(2)
@@ -200,10 +200,10 @@ fn correlation(a: &[f64], b: &[f64]) -> f64 {
 }
 
 /// The step of encoders that are coarser than the run file says.
-fn encoders(evidence: &Evidence, joints: &[Joint<'_>]) -> Option<Finding> {
+fn encoders(evidence: &RunEvidence, joints: &[JointColumns<'_>]) -> Option<RunFinding> {
     let told = &evidence.config.effective.motion.encoder_step_rad_or_m;
     let told = told.iter().copied().fold(0.0, f64::max);
-    let step = |joint: &Joint<'_>| {
+    let step = |joint: &JointColumns<'_>| {
         let steps = joint.q.windows(2).filter_map(|pair| match pair {
             [a, b] if a != b => Some((b - a).abs()),
             _ => None,
@@ -221,7 +221,7 @@ fn encoders(evidence: &Evidence, joints: &[Joint<'_>]) -> Option<Finding> {
     if step <= 2.0 * told || (evidence.summary.outcome != Outcome::Fault && !evidence.has_failed()) {
         return None;
     }
-    Some(Finding {
+    Some(RunFinding {
         cause: Cause::CoarseEncoders,
         what: "the encoders are coarser than the run file says: what control takes for motion are steps"
             .into(),
@@ -235,10 +235,10 @@ fn encoders(evidence: &Evidence, joints: &[Joint<'_>]) -> Option<Finding> {
 }
 
 /// What it was found to carry.
-fn load(evidence: &Evidence) -> Option<Finding> {
+fn load(evidence: &RunEvidence) -> Option<RunFinding> {
     let payload = evidence.summary.payload.as_ref()?;
     let [x, y, z] = payload.com_m;
-    Some(Finding {
+    Some(RunFinding {
         cause: Cause::Load,
         what: format!("the arm carries {:.2} kg that the run file does not tell", payload.mass_kg),
         evidence: "the torques with which it stands and moves, against those of its model".into(),

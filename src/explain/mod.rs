@@ -5,7 +5,7 @@
 //!                                                  ├► cell    does the target rest where lens, mount, stamps and sizes say?
 //!                                                  ├► joints  do the joints do what they are told?
 //!                                                  └► pace    how the error fell, and what held the arm back
-//!                                                       └► [`Finding`]s, the gravest first ─► [`Explanation`]
+//!                                                       └► [`RunFinding`]s, the gravest first ─► [`Explanation`]
 //! ```
 //! Nothing here knows the truth of a simulated cell: a finding rests on what the run measured.
 
@@ -74,7 +74,7 @@ pub enum Cause {
 
 /// Something that was found.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Finding {
+pub struct RunFinding {
     /// What it is.
     pub cause: Cause,
     /// What happened, in a sentence.
@@ -87,7 +87,7 @@ pub struct Finding {
 
 /// What a run left.
 #[derive(Debug, Clone)]
-pub struct Evidence {
+pub struct RunEvidence {
     /// How it went.
     pub summary: Summary,
     /// What was believed of the cell.
@@ -98,7 +98,7 @@ pub struct Evidence {
     pub measurements: CsvTable,
 }
 
-impl Evidence {
+impl RunEvidence {
     /// Whether the run came to another end than it was to.
     fn has_failed(&self) -> bool {
         matches!(self.summary.outcome, Outcome::Fault | Outcome::NotConverged)
@@ -113,7 +113,7 @@ pub struct Explanation {
     /// Whether it failed: the first finding then is what made it fail.
     pub has_failed: bool,
     /// What was found, the likeliest cause first.
-    pub findings: Vec<Finding>,
+    pub findings: Vec<RunFinding>,
     /// What limited its speed.
     pub speed: String,
     /// What happened when: s since the first tick.
@@ -122,7 +122,7 @@ pub struct Explanation {
 
 /// Explains a run.
 #[must_use]
-pub fn explain(evidence: &Evidence) -> Explanation {
+pub fn explain(evidence: &RunEvidence) -> Explanation {
     let mut findings = joints::findings(evidence);
     findings.extend(view::findings(evidence));
     findings.extend(cell::findings(evidence));
@@ -151,7 +151,7 @@ impl Explanation {
         };
         // a String takes everything
         let _ = writeln!(text, "\n{heads}:");
-        for (i, Finding { what, evidence, change, .. }) in self.findings.iter().enumerate() {
+        for (i, RunFinding { what, evidence, change, .. }) in self.findings.iter().enumerate() {
             let _ = writeln!(text, "{}. {what}\n   evidence: {evidence}\n   change:   {change}", i + 1);
         }
         let _ = writeln!(text, "\nspeed: {}", self.speed);

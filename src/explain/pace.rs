@@ -1,6 +1,6 @@
 //! How the error fell, and what held the arm back.
 
-use super::{Cause, Evidence, Finding, median};
+use super::{Cause, RunEvidence, RunFinding, median};
 use crate::control::outcome::Outcome;
 use crate::report::numbers::significant;
 
@@ -26,14 +26,14 @@ const SWING: f64 = 4.0;
 const FALLS_1_S: f64 = 0.02;
 
 /// The feature errors with their times.
-fn errors(evidence: &Evidence) -> Vec<(f64, f64)> {
+fn errors(evidence: &RunEvidence) -> Vec<(f64, f64)> {
     let table = &evidence.measurements;
     let rows = table.numbers("exposure_s").iter().zip(table.numbers("error_px"));
     rows.map(|(t, e)| (*t, *e)).filter(|(_, e)| e.is_finite()).collect()
 }
 
 /// Shares of ticks in which each limit acted, from the first motion to the settling of the error.
-fn limited(evidence: &Evidence) -> Vec<(&'static str, &'static str, f64)> {
+fn limited(evidence: &RunEvidence) -> Vec<(&'static str, &'static str, f64)> {
     let trace = &evidence.trace;
     let until = evidence.summary.settling_time_s.unwrap_or(f64::INFINITY);
     let rows: Vec<usize> = (0..trace.rows())
@@ -53,7 +53,7 @@ fn limited(evidence: &Evidence) -> Vec<(&'static str, &'static str, f64)> {
 }
 
 /// What limited the speed of the run.
-pub(super) fn speed(evidence: &Evidence) -> String {
+pub(super) fn speed(evidence: &RunEvidence) -> String {
     let latency_ms = median(evidence.measurements.numbers("exposure_to_command_us").iter().copied()) * 1e-3;
     let view = if latency_ms.is_finite() {
         format!("; views were {latency_ms:.1} ms old when used, {} a second", evidence.config.camera.rate_hz)
@@ -75,12 +75,12 @@ pub(super) fn speed(evidence: &Evidence) -> String {
     }
 }
 
-fn gain(evidence: &Evidence) -> String {
+fn gain(evidence: &RunEvidence) -> String {
     let gain = toml::Value::try_from(&evidence.config.effective.servo.gain_1_s);
     gain.map_or_else(|_| "?".into(), |gain| gain.to_string())
 }
 
-pub(super) fn findings(evidence: &Evidence, is_explained: bool) -> Vec<Finding> {
+pub(super) fn findings(evidence: &RunEvidence, is_explained: bool) -> Vec<RunFinding> {
     if evidence.summary.outcome != Outcome::NotConverged {
         return Vec::new();
     }
@@ -96,7 +96,7 @@ pub(super) fn findings(evidence: &Evidence, is_explained: bool) -> Vec<Finding> 
 }
 
 /// An error that goes up and down about its goal.
-fn swings(evidence: &Evidence, late: &[(f64, f64)]) -> Option<Finding> {
+fn swings(evidence: &RunEvidence, late: &[(f64, f64)]) -> Option<RunFinding> {
     let tolerance = evidence.config.goal.feature_error_px;
     let (low, high) =
         late.iter().fold((f64::INFINITY, 0.0_f64), |(low, high), (_, e)| (low.min(*e), high.max(*e)));
@@ -122,7 +122,7 @@ fn swings(evidence: &Evidence, late: &[(f64, f64)]) -> Option<Finding> {
     }
     let span_s = late.last()?.0 - late.first()?.0;
     let latency_ms = median(evidence.measurements.numbers("exposure_to_command_us").iter().copied()) * 1e-3;
-    Some(Finding {
+    Some(RunFinding {
         cause: Cause::GainTooHigh,
         what: "the loop swings about its goal: the gain is too high for views of that age and rate".into(),
         evidence: format!(
@@ -140,7 +140,7 @@ fn swings(evidence: &Evidence, late: &[(f64, f64)]) -> Option<Finding> {
 }
 
 /// An error that falls, and had no time.
-fn slow(evidence: &Evidence, late: &[(f64, f64)]) -> Option<Finding> {
+fn slow(evidence: &RunEvidence, late: &[(f64, f64)]) -> Option<RunFinding> {
     let ((t0, e0), (t1, e1)) = (*late.first()?, *late.last()?);
     let rate_1_s = (e0 / e1).ln() / (t1 - t0);
     if rate_1_s < FALLS_1_S || !rate_1_s.is_finite() {
@@ -156,13 +156,13 @@ fn slow(evidence: &Evidence, late: &[(f64, f64)]) -> Option<Finding> {
     );
     let held = limited(evidence).into_iter().find(|(_, _, share)| *share > HELD_BACK);
     Some(match held {
-        Some((name, key, share)) => Finding {
+        Some((name, key, share)) => RunFinding {
             cause: Cause::Limits,
             what: format!("the {name} limit of the arm lets it move no faster"),
             evidence: format!("it acted in {:.0} % of the ticks; {told}", share * 100.0),
             change: format!("{key}; or run.duration_s longer"),
         },
-        None => Finding {
+        None => RunFinding {
             cause: Cause::GainTooLow,
             what: "the arm was still on its way: the law is slow, and no limit held the arm back".into(),
             evidence: format!("{told}; servo.gain_1_s is {}", gain(evidence)),

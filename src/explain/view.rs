@@ -1,6 +1,6 @@
 //! What became of the target in the image, and of the frames.
 
-use super::{Cause, Evidence, Finding};
+use super::{Cause, RunEvidence, RunFinding};
 use crate::control::outcome::Outcome;
 use std::collections::BTreeMap;
 
@@ -15,15 +15,15 @@ const AHEAD: f64 = 3.0;
 /// Share of the measurements without the target at the end that makes a lost one. Chosen by hand: single losses are borne.
 const LOST_AT_END: usize = 3;
 
-pub(super) fn findings(evidence: &Evidence) -> Vec<Finding> {
+pub(super) fn findings(evidence: &RunEvidence) -> Vec<RunFinding> {
     [frames_stopped(evidence), frames_lost(evidence), target(evidence)].into_iter().flatten().collect()
 }
 
-fn frames_stopped(evidence: &Evidence) -> Option<Finding> {
+fn frames_stopped(evidence: &RunEvidence) -> Option<RunFinding> {
     let last_s = evidence.measurements.numbers("exposure_s").last().copied().unwrap_or(0.0);
     let silent_s = evidence.summary.duration_s - last_s;
     let periods = silent_s * evidence.config.camera.rate_hz;
-    (evidence.has_failed() && periods > SILENT_FRAMES).then(|| Finding {
+    (evidence.has_failed() && periods > SILENT_FRAMES).then(|| RunFinding {
         cause: Cause::FramesStopped,
         what: "frames, or their measurements, came no more".into(),
         evidence: format!(
@@ -34,7 +34,7 @@ fn frames_stopped(evidence: &Evidence) -> Option<Finding> {
     })
 }
 
-fn frames_lost(evidence: &Evidence) -> Option<Finding> {
+fn frames_lost(evidence: &RunEvidence) -> Option<RunFinding> {
     let ids = evidence.measurements.numbers("frame_id");
     let (first, last) = (ids.first()?, ids.last()?);
     let sent = last - first + 1.0;
@@ -42,7 +42,7 @@ fn frames_lost(evidence: &Evidence) -> Option<Finding> {
     let kept = evidence.summary.frames.max(ids.len() as u64) as f64;
     let lost = (sent - kept) / sent;
     let skipped = evidence.summary.frames_dropped as f64 / sent;
-    (lost > LOST_SHARE).then(|| Finding {
+    (lost > LOST_SHARE).then(|| RunFinding {
         cause: Cause::FramesLost,
         what: format!("{:.0} % of the frames are missing", lost * 100.0),
         evidence: format!(
@@ -58,7 +58,7 @@ fn frames_lost(evidence: &Evidence) -> Option<Finding> {
 }
 
 /// A target that was never found, or is not there at the end.
-fn target(evidence: &Evidence) -> Option<Finding> {
+fn target(evidence: &RunEvidence) -> Option<RunFinding> {
     let table = &evidence.measurements;
     let found = |row: &usize| table.word("status", *row) == "Found";
     let rows = table.rows();
@@ -72,7 +72,7 @@ fn target(evidence: &Evidence) -> Option<Finding> {
     let told: Vec<_> = statuses.iter().map(|(status, count)| format!("{status} {count} times")).collect();
     let Some(last) = (0..rows).rev().find(found) else {
         // What fits no pose is the lens's matter.
-        return (!statuses.contains_key("Inconsistent")).then(|| Finding {
+        return (!statuses.contains_key("Inconsistent")).then(|| RunFinding {
             cause: Cause::NeverSeen,
             what: "the target was never found".into(),
             evidence: format!("{rows} frames: {}", told.join(", ")),
@@ -85,7 +85,7 @@ fn target(evidence: &Evidence) -> Option<Finding> {
     let at_s = table.number("exposure_s", last);
     let without = rows - 1 - last;
     Some(match way_out(evidence, last) {
-        Some(where_to) => Finding {
+        Some(where_to) => RunFinding {
             cause: Cause::LeftTheImage,
             what: format!("the target left the image {where_to}"),
             evidence: format!(
@@ -93,7 +93,7 @@ fn target(evidence: &Evidence) -> Option<Finding> {
             ),
             change: "start nearer to the goal, or a smaller servo.gain_1_s; servo.visibility.guard and margin_px keep it in; a lens that sees more".into(),
         },
-        None => Finding {
+        None => RunFinding {
             cause: Cause::Hidden,
             what: "the target is there and cannot be seen: hidden, or its light is gone".into(),
             evidence: format!(
@@ -106,7 +106,7 @@ fn target(evidence: &Evidence) -> Option<Finding> {
 }
 
 /// Over which border some point of the target was to go after a measurement.
-fn way_out(evidence: &Evidence, last: usize) -> Option<&'static str> {
+fn way_out(evidence: &RunEvidence, last: usize) -> Option<&'static str> {
     let table = &evidence.measurements;
     let i = evidence.config.camera.model.intrinsics();
     let (width, height) = (f64::from(i.width_px), f64::from(i.height_px));

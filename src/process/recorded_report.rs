@@ -5,7 +5,7 @@ use super::report_folder::{CONFIG, MEASUREMENTS, SUMMARY, TRACE};
 use super::report_images::ReportImages;
 use super::{NewReport, ProcessError, ReportFolder, run_report};
 use crate::config::Config;
-use crate::explain::Evidence;
+use crate::explain::RunEvidence;
 use crate::messages::{FrameHeader, Measurement};
 use crate::record::RecordingReader;
 use crate::replay::{RecordedRun, ReplayError};
@@ -24,20 +24,20 @@ const WAITING: usize = 128;
 pub fn evidence_of_recording<R: Read>(
     reader: RecordingReader<R>,
     config: Config,
-) -> Result<Evidence, ReplayError> {
+) -> Result<RunEvidence, ReplayError> {
     let RecordedResults { summary, files } = recorded_results(&mut RecordedRun::new(reader)?, &config)?;
     let table = |wanted: &str| {
         let found = files.iter().find(|(name, _)| *name == wanted);
         found.map(|(_, text)| CsvTable::parse(text)).unwrap_or_default()
     };
-    Ok(Evidence { trace: table(TRACE), measurements: table(MEASUREMENTS), summary, config })
+    Ok(RunEvidence { trace: table(TRACE), measurements: table(MEASUREMENTS), summary, config })
 }
 
 /// The same from the folder of a report.
 ///
 /// # Errors
 /// When there is none.
-pub fn evidence_of_report(path: &Path) -> Result<Evidence, ProcessError> {
+pub fn evidence_of_report(path: &Path) -> Result<RunEvidence, ProcessError> {
     let folder = ReportFolder::of_run(path);
     let text = |name: &str| folder.read(name).map(|bytes| String::from_utf8_lossy(&bytes).into_owned());
     let summary = text(SUMMARY).and_then(|text| serde_json::from_str(&text).ok());
@@ -49,7 +49,7 @@ pub fn evidence_of_report(path: &Path) -> Result<Evidence, ProcessError> {
     };
     let table = |name: &str| CsvTable::parse(&text(name).unwrap_or_default());
     let config = Config::parse(CONFIG, &config, path, &[])?;
-    Ok(Evidence { trace: table(TRACE), measurements: table(MEASUREMENTS), summary, config })
+    Ok(RunEvidence { trace: table(TRACE), measurements: table(MEASUREMENTS), summary, config })
 }
 
 /// Makes the report of a recorded run, which `opened` opens twice; where the page is. `commands` repeat it.

@@ -5,7 +5,7 @@ use super::{NewReport, ProcessError, ReportFolder};
 use crate::config::Clock;
 use crate::config::Config;
 use crate::control::outcome::Outcome;
-use crate::explain::{Evidence, Explanation, explain};
+use crate::explain::{Explanation, RunEvidence, explain};
 use crate::report::csv_table::{CsvTable, csv_cell};
 use crate::report::page::base64;
 use crate::report::run_page::{ImageData, JointSummary, RunRecord, run_facts, run_page, run_verdict};
@@ -49,7 +49,7 @@ pub fn write(
         }
         CsvTable::parse(&String::from_utf8_lossy(&bytes.unwrap_or_default()))
     };
-    let evidence = Evidence {
+    let evidence = RunEvidence {
         summary: summary.clone(),
         config: config.clone(),
         trace: table(TRACE),
