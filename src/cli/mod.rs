@@ -352,7 +352,7 @@ fn role(role: Role, arguments: &RoleArguments) -> Result<u8, ProcessError> {
             };
             run.map(|()| None)
         }
-        Role::Control | Role::Supervisor | Role::Drive | Role::Recorder => {
+        Role::Control | Role::Supervisor | Role::Drive | Role::CameraProgram(_) | Role::Recorder => {
             process::control::run(&config, &instance, &stop, report).map(Some)
         }
     };

@@ -16,6 +16,7 @@ mod drive;
 mod drive_imperfections;
 mod dry_run;
 mod experiments;
+mod external_camera;
 mod external_drive;
 mod external_drive_joins;
 mod gains;
