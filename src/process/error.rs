@@ -133,12 +133,12 @@ pub enum ProcessError {
         takes: String,
     },
     /// The external drive did not come, or came and did not answer.
-    #[error(
-        "the external drive did not connect within {waited_s:.1} s (drive.external.connect_timeout_s): {state}"
-    )]
+    #[error("the external drive did not connect within {waited_s:.1} s ({limit}): {state}")]
     DriveAbsent {
         /// How long it was waited for.
         waited_s: f64,
+        /// The key of that time.
+        limit: &'static str,
         /// What there was of it.
         state: String,
     },
