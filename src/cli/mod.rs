@@ -23,6 +23,7 @@ mod target;
 mod teach;
 mod teach_view;
 mod tool_arguments;
+mod tune;
 mod view;
 
 pub use arguments::{
@@ -41,6 +42,7 @@ pub use tool_arguments::{
     MotionMethod, PoseArguments, PoseMethod, ProcessArguments, StereoCommand, StereoMatchArguments,
     StereoMotionArguments, StereoRectifyArguments, StereoTriangulateArguments, TriangulationMethod,
 };
+pub use tune::TuneArguments;
 
 use crate::config::assemble::require_controllable;
 use crate::config::{Config, Draft, SHIPPED_FILES, ShippedFile};
@@ -107,6 +109,7 @@ pub fn main() -> ExitCode {
         Some(Command::TeachView(arguments)) => teach_view::teach_view(&arguments),
         Some(Command::Check { config, set, json }) => check::check(config.as_deref(), &set, json),
         Some(Command::Place(arguments)) => place::place(&arguments),
+        Some(Command::Tune(arguments)) => tune::tune(&arguments),
         Some(Command::View(arguments)) => view::view(&arguments),
         Some(Command::Doctor { json, jitter_s }) => Ok(doctor(json, jitter_s)),
         Some(Command::DriveGuard { instance, supervised_by, command }) => {
