@@ -8,6 +8,7 @@ use super::ctl_arguments::CtlArguments;
 use super::explain::{ExplainArguments, ReportArguments};
 use super::place_arguments::{PlaceArguments, ViewArguments};
 use super::tool_arguments::{PoseArguments, ProcessArguments, StereoCommand};
+use super::tune::TuneArguments;
 use super::{completion, record::RecordArguments, replay::ReplayArguments};
 use crate::camera_model::Response;
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -125,6 +126,8 @@ pub enum Command {
     },
     /// Propose a start and a goal for an arm and a target, from which a run converges, and write them as a run file
     Place(PlaceArguments),
+    /// Search values with which simulated runs settle sooner, and tell what they cost in calm and margins
+    Tune(TuneArguments),
     /// Draw what the camera sees at the start and at the goal of a run
     View(ViewArguments),
     /// Examine whether this machine is fit for 1 kHz: kernel, limits, clock, and wake-up latency

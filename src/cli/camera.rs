@@ -1,6 +1,6 @@
 //! `vservo camera --list`, `--probe`, `--snapshot`: looking at cameras without a run.
 
-use super::camera_arguments::CameraArguments;
+use super::camera_arguments::{CameraArguments, CameraQuestion};
 use super::{json, lost, shown};
 use crate::config::{Config, PixelFormatName, Source, V4l2Settings};
 use crate::input::printable;
@@ -13,6 +13,7 @@ use image::ExtendedColorType;
 use std::fmt::Write as _;
 use std::path::Path;
 
+mod check;
 mod suggestion;
 
 /// Time before a measurement, in which automatic exposure settles and old frames of a stream pass. Chosen by hand: some ten frames; twice only
@@ -25,6 +26,9 @@ const LONGEST_PROBE_S: f64 = 600.0;
 
 /// Does what was asked for, if anything was beside the process.
 pub(super) fn look(arguments: &CameraArguments) -> Option<Result<u8, ProcessError>> {
+    if let Some(CameraQuestion::Check(arguments)) = &arguments.question {
+        return Some(check::check(arguments));
+    }
     if arguments.list {
         return Some(Ok(list(arguments.json)));
     }
@@ -122,11 +126,13 @@ fn warmed_up(request: CaptureRequest, stop: &StopFlag) -> Result<V4l2Camera, Pro
     Ok(camera)
 }
 
+fn require_duration(duration_s: f64) -> Result<f64, ProcessError> {
+    let is_meant = duration_s > 0.0 && duration_s <= LONGEST_PROBE_S;
+    if is_meant { Ok(duration_s) } else { Err(ProcessError::ProbeDuration(duration_s)) }
+}
+
 fn probe(arguments: &CameraArguments, device: &str) -> Result<u8, ProcessError> {
-    let duration_s = arguments.duration_s;
-    if !(duration_s > 0.0 && duration_s <= LONGEST_PROBE_S) {
-        return Err(ProcessError::ProbeDuration(duration_s));
-    }
+    let duration_s = require_duration(arguments.duration_s)?;
     let stop = StopFlag::on_signals()?;
     let request = request(arguments, device)?;
     let (pixels, rate_hz) = (request.width as usize * request.height as usize, request.rate_hz);
@@ -157,7 +163,9 @@ fn snapshot(arguments: &CameraArguments, out: &Path) -> Result<u8, ProcessError>
             let config = super::seen_by(arguments.camera, config)?;
             match &config.camera.source {
                 Source::V4l2(settings) => CaptureRequest::of(&config.camera, settings),
-                Source::Synthetic { .. } | Source::Replay { .. } => return Err(ProcessError::NoRealCamera),
+                Source::Synthetic { .. } | Source::Replay { .. } | Source::External(_) => {
+                    return Err(ProcessError::NoRealCamera);
+                }
             }
         }
     };

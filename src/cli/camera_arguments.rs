@@ -1,12 +1,16 @@
 //! The arguments of `vservo camera`.
 
 use crate::config::PixelFormatName;
-use clap::{Args, ValueEnum};
+use clap::{Args, Subcommand, ValueEnum};
 use std::path::PathBuf;
 
 /// Arguments of `vservo camera`: the process of a run, or a look at the cameras of this machine.
 #[derive(Debug, Args)]
+#[command(args_conflicts_with_subcommands = true)]
 pub struct CameraArguments {
+    /// What to find out about a camera
+    #[command(subcommand)]
+    pub question: Option<CameraQuestion>,
     /// Run file (TOML), the same for all processes; the embedded default where it is left out
     pub config: Option<PathBuf>,
     /// Name of the run that this process belongs to
@@ -51,6 +55,35 @@ pub struct CameraArguments {
     /// The run file is open on stdin; CONFIG is only its name
     #[arg(long, hide = true)]
     pub config_on_stdin: bool,
+}
+
+/// Questions about the camera of a run file.
+#[derive(Debug, Subcommand)]
+pub enum CameraQuestion {
+    /// Measure the camera of a run file, an external program or a real one, and tell what it does wrong
+    Check(CameraCheckArguments),
+}
+
+/// Arguments of `vservo camera check`.
+#[derive(Debug, Args)]
+pub struct CameraCheckArguments {
+    /// Run file (TOML)
+    pub config: Option<PathBuf>,
+    /// Change one value of the run file
+    #[arg(long, value_name = "key.path=value")]
+    pub set: Vec<String>,
+    /// Instance through which an external program gives its images
+    #[arg(long, value_name = "NAME", default_value = "default")]
+    pub instance: String,
+    /// Which camera, by its place in `[[cameras]]`, from 0
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub camera: u8,
+    /// How long to measure, s
+    #[arg(long, value_name = "S", default_value_t = 3.0)]
+    pub duration_s: f64,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
 }
 
 fn rate(text: &str) -> Result<f64, String> {
@@ -99,6 +132,10 @@ pub enum FormatArgument {
     Uyvy,
     /// 8 bits of grey, and the colours behind them
     Nv12,
+    /// Blue, green and red
+    Bgr3,
+    /// Red, green and blue
+    Rgb3,
     /// A JPEG file for each image
     Mjpg,
 }
@@ -113,6 +150,8 @@ impl From<FormatArgument> for PixelFormatName {
             FormatArgument::Yuyv => Self::Yuyv,
             FormatArgument::Uyvy => Self::Uyvy,
             FormatArgument::Nv12 => Self::Nv12,
+            FormatArgument::Bgr3 => Self::Bgr3,
+            FormatArgument::Rgb3 => Self::Rgb3,
             FormatArgument::Mjpg => Self::Mjpg,
         }
     }

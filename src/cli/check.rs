@@ -34,7 +34,9 @@ pub(super) fn check(path: Option<&Path>, set: &[String], as_json: bool) -> Resul
     };
     require_controllable(&config)?;
     let preflight = Preflight::of(&config)?;
-    let (faults, doubts) = judged(&preflight);
+    let (mut faults, doubts) = judged(&preflight);
+    let core = config.realtime.request.cpu.and_then(crate::rt::why_not_on);
+    faults.extend(core.map(|why| ("realtime.cpu", why)));
     let error = unseen.or_else(|| (!faults.is_empty()).then(|| draft.error(faults)));
     let doubts = draft.problems_of(doubts);
     if as_json {

@@ -26,6 +26,7 @@ mod target;
 mod teach;
 mod teach_view;
 mod tool_arguments;
+mod tune;
 mod view;
 
 pub use arguments::{
@@ -46,6 +47,7 @@ pub use tool_arguments::{
     MotionMethod, PoseArguments, PoseMethod, ProcessArguments, StereoCommand, StereoMatchArguments,
     StereoMotionArguments, StereoRectifyArguments, StereoTriangulateArguments, TriangulationMethod,
 };
+pub use tune::TuneArguments;
 
 use crate::config::assemble::require_controllable;
 use crate::config::{Config, Draft, SHIPPED_FILES, ShippedFile};
@@ -115,6 +117,7 @@ pub fn main() -> ExitCode {
         Some(Command::TeachView(arguments)) => teach_view::teach_view(&arguments),
         Some(Command::Check { config, set, json }) => check::check(config.as_deref(), &set, json),
         Some(Command::Place(arguments)) => place::place(&arguments),
+        Some(Command::Tune(arguments)) => tune::tune(&arguments),
         Some(Command::View(arguments)) => view::view(&arguments),
         Some(Command::Doctor { json, jitter_s }) => Ok(doctor(json, jitter_s)),
         Some(Command::DriveGuard { instance, supervised_by, command }) => {
@@ -344,7 +347,7 @@ fn role(role: Role, arguments: &RoleArguments) -> Result<u8, ProcessError> {
             };
             run.map(|()| None)
         }
-        Role::Control | Role::Supervisor | Role::Drive | Role::Recorder => {
+        Role::Control | Role::Supervisor | Role::Drive | Role::CameraProgram(_) | Role::Recorder => {
             process::control::run(&config, &instance, &stop, report).map(Some)
         }
     };

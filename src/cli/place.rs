@@ -16,7 +16,8 @@ use std::path::Path;
 use toml::{Table, Value};
 
 /// Keys whose values are paths that count from the run file's folder.
-const PATHS: [&str; 6] = [
+const PATHS: [&str; 7] = [
+    "camera.external.folder",
     "camera.lens.file",
     "camera.replay.folder",
     "stereo.taught_file",
@@ -134,11 +135,17 @@ fn request(arguments: &PlaceArguments) -> Result<PlaceRequest, String> {
 }
 
 /// The run file: what was written, with the placement in its place.
-fn run_file(draft: &Draft, placement: &Placement) -> String {
+/// What is written in `draft`, independent of where the new file stands.
+pub(super) fn run_file_table(draft: &Draft) -> Table {
     let mut table = draft.written().clone();
     for key in PATHS.iter().filter(|key| !draft.is_argument(key)) {
         make_absolute(&mut table, key, draft.folder());
     }
+    table
+}
+
+fn run_file(draft: &Draft, placement: &Placement) -> String {
+    let mut table = run_file_table(draft);
     let pose = |X: &Pose| {
         let list = |v: [f64; 3]| {
             Value::Array(v.into_iter().map(|x| Value::Float((x * 1e6).round() / 1e6 + 0.0)).collect())
@@ -175,7 +182,7 @@ fn run_file(draft: &Draft, placement: &Placement) -> String {
 }
 
 /// Calls `change` with the table at `path`, which is made where it is not there.
-fn change(table: &mut Table, path: &[&str], then: &mut dyn FnMut(&mut Table)) {
+pub(super) fn change(table: &mut Table, path: &[&str], then: &mut dyn FnMut(&mut Table)) {
     let Some((first, rest)) = path.split_first() else { return then(table) };
     let entry = table.entry(*first).or_insert_with(|| Value::Table(Table::new()));
     if let Value::Table(inner) = entry {

@@ -6,6 +6,7 @@ use crate::input::number;
 use crate::time::SpanNs;
 use nalgebra::{Translation3, UnitQuaternion};
 use std::ops::RangeInclusive;
+use std::path::Path;
 
 /// The problems found so far, each with its position in the document.
 pub(super) struct Validation<'a> {
@@ -59,6 +60,16 @@ impl<'a> Validation<'a> {
             );
         }
         value
+    }
+
+    /// A program that the run starts, and where: `command` is empty where it is started by other means.
+    pub(super) fn program(&mut self, command_key: &str, command: &[String], folder_key: &str, folder: &Path) {
+        if command.first().is_some_and(String::is_empty) {
+            self.wrong(command_key, "the program's name is empty");
+        }
+        if !command.is_empty() && !folder.is_dir() {
+            self.wrong(folder_key, format!("{} is not a folder", folder.display()));
+        }
     }
 
     pub(super) fn span_ms(&mut self, key: &str, value_ms: f64, allowed: RangeInclusive<f64>) -> SpanNs {

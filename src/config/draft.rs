@@ -220,6 +220,10 @@ fn resolve_paths(raw: &mut RawConfig, document: &Document, folder: &Path, proble
     for (i, camera) in raw.cameras.iter_mut().enumerate() {
         images(&format!("cameras[{i}].replay.folder"), &mut camera.replay.folder);
     }
+    raw.camera.external.folder = absolute("camera.external.folder", &raw.camera.external.folder);
+    for (i, camera) in raw.cameras.iter_mut().enumerate() {
+        camera.external.folder = absolute(&format!("cameras[{i}].external.folder"), &camera.external.folder);
+    }
     let folder = &raw.drive.external.folder;
     raw.drive.external.folder = absolute("drive.external.folder", folder);
     // A word without ending or folder is a name; `robot::load` says which names there are.

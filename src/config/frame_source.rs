@@ -7,6 +7,7 @@
 //!                   simulated    closes the loop    timing
 //! synthetic            yes             yes          scheduled
 //! v4l2 (a real one)     no             yes          free-running
+//! external (a program)  no             yes          free-running
 //! replay                no              no          scheduled
 //! ```
 
@@ -15,6 +16,7 @@ use super::place::RawMount;
 use super::v4l2::{self, RawV4l2, V4l2Settings};
 use crate::camera_model::{LensModel, Response};
 use crate::scene::{SceneLook, SensorModel};
+use crate::time::SpanNs;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -27,6 +29,8 @@ word! {
         Replay,
         /// A camera of the kernel's video interface.
         V4l2,
+        /// Another program, which gives images through `camera/N/image`.
+        External,
     }
 }
 
@@ -36,7 +40,7 @@ impl SourceKind {
     pub fn timing(self) -> Timing {
         match self {
             Self::Synthetic | Self::Replay => Timing::Scheduled,
-            Self::V4l2 => Timing::FreeRunning,
+            Self::V4l2 | Self::External => Timing::FreeRunning,
         }
     }
 
@@ -45,7 +49,7 @@ impl SourceKind {
     pub fn is_simulated(self) -> bool {
         match self {
             Self::Synthetic => true,
-            Self::Replay | Self::V4l2 => false,
+            Self::Replay | Self::V4l2 | Self::External => false,
         }
     }
 
@@ -53,7 +57,7 @@ impl SourceKind {
     #[must_use]
     pub fn closes_the_loop(self) -> bool {
         match self {
-            Self::Synthetic | Self::V4l2 => true,
+            Self::Synthetic | Self::V4l2 | Self::External => true,
             Self::Replay => false,
         }
     }
@@ -104,6 +108,8 @@ table! {
         replay: RawReplay = RawReplay::default(),
         /// `[camera.v4l2]`
         v4l2: RawV4l2 = RawV4l2::default(),
+        /// `[camera.external]`
+        external: RawCameraProgram = RawCameraProgram::default(),
     }
 }
 
@@ -251,6 +257,40 @@ table! {
     }
 }
 
+table! {
+    /// A camera in another program.
+    RawCameraProgram {
+        /// Program and arguments that `vservo run` starts as the camera; empty where it is started by other means.
+        command: Vec<String> = Vec::new(),
+        /// Folder in which it is started; that of the run file where it is left out.
+        folder: PathBuf = PathBuf::new(),
+        /// Time without images after which the run ends, s; until then the arm holds and the program is awaited.
+        give_up_s: f64 = 60.0,
+    }
+}
+
+/// A camera in another program.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CameraProgram {
+    /// Program and arguments; empty where it is started from outside.
+    pub command: Vec<String>,
+    /// Where it is started.
+    pub folder: PathBuf,
+    /// Longest silence.
+    pub give_up: SpanNs,
+}
+
+/// The program of a camera whose table is `at`.
+fn program(raw: &RawCameraProgram, at: &str, check: &mut Validation<'_>) -> CameraProgram {
+    let key = |name: &str| format!("{at}.external.{name}");
+    check.program(&key("command"), &raw.command, &key("folder"), &raw.folder);
+    CameraProgram {
+        command: raw.command.clone(),
+        folder: raw.folder.clone(),
+        give_up: SpanNs::from_s(check.range(&key("give_up_s"), raw.give_up_s, 1.0..=86_400.0)),
+    }
+}
+
 /// Producer of frames.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Source {
@@ -276,6 +316,8 @@ pub enum Source {
     },
     /// A camera of the kernel's video interface.
     V4l2(V4l2Settings),
+    /// Another program.
+    External(CameraProgram),
 }
 
 impl Source {
@@ -286,6 +328,7 @@ impl Source {
             Self::Synthetic { .. } => SourceKind::Synthetic,
             Self::Replay { .. } => SourceKind::Replay,
             Self::V4l2(_) => SourceKind::V4l2,
+            Self::External(_) => SourceKind::External,
         }
     }
 }
@@ -338,5 +381,6 @@ pub(super) fn source(
             Source::Replay { folder: folder.clone(), repeat, strict }
         }
         SourceKind::V4l2 => Source::V4l2(v4l2),
+        SourceKind::External => Source::External(program(&c.external, at, check)),
     }
 }

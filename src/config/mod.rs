@@ -37,7 +37,7 @@ mod wait_for;
 
 pub use camera::Camera;
 pub use draft::Draft;
-pub use frame_source::{Source, Timing};
+pub use frame_source::{CameraProgram, Source, Timing};
 pub use goal_file::{GoalFeature, GoalFile, GoalPose};
 pub use problem::{ConfigError, Problem};
 pub use program::{Program, ProgramGoal, ProgramStep, StepAction};
@@ -362,6 +362,7 @@ mod tests {
     fn the_default_file_says_what_the_defaults_are() {
         let mut written = Config::load(None, &[]).unwrap().effective;
         written.drive.external.folder = RawConfig::default().drive.external.folder; // made absolute
+        written.camera.external.folder = RawConfig::default().camera.external.folder;
         assert_eq!(written, RawConfig::default());
     }
 

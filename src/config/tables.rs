@@ -5,7 +5,7 @@
 
 use super::problem::{Problem, first};
 use super::source::Document;
-use crate::input::number;
+use crate::input::{nearest, number};
 use serde::de::DeserializeOwned;
 use toml::{Table, Value};
 
@@ -81,9 +81,23 @@ fn set_unknown_aside(
     let path = |field: &String| if table.is_empty() { field.clone() } else { format!("{table}.{field}") };
     let (told, more) = first(unknown, |field| document.offset(&path(field)));
     problems.extend(told.iter().map(|field| {
-        document.problem(&path(field), format!("unknown field `{field}`, expected {expected}"))
+        let meant = meant(field, &known).map_or(String::new(), |key| format!("; did you mean `{key}`?"));
+        document.problem(&path(field), format!("unknown field `{field}`, expected {expected}{meant}"))
     }));
     Some(more)
+}
+
+/// The key that is most like `field`. People leave units out: `gain` is as much as `gain_1_s`.
+fn meant<'a>(field: &str, known: &[&'a str]) -> Option<&'a str> {
+    nearest(field, known.iter().copied()).or_else(|| {
+        let begins =
+            known.iter().flat_map(|key| key.match_indices('_').map(move |(at, _)| (&key[..at], *key)));
+        let mut begins: Vec<_> = begins.collect();
+        // of several with the same beginning, the one that has least beside it
+        begins.sort_by_key(|(begin, key)| key.len() - begin.len());
+        let begin = nearest(field, begins.iter().map(|(begin, _)| *begin))?;
+        begins.iter().find(|(b, _)| *b == begin).map(|(_, key)| *key)
+    })
 }
 
 fn inner_table<'a>(root: &'a mut Table, path: &str) -> Option<&'a mut Table> {
@@ -116,4 +130,24 @@ fn set_long_lists_aside(document: &mut Document, problems: &mut Vec<Problem>) ->
         );
     }
     more
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_key_that_was_meant_is_found_without_its_unit() {
+        let known = ["gain_1_s", "gain_at_goal_1_s", "calm_gain_1_s", "scheme", "depth_m"];
+        for (field, wanted) in [
+            ("gainn", Some("gain_1_s")),
+            ("gain", Some("gain_1_s")),
+            ("schem", Some("scheme")),
+            ("gain_1s", Some("gain_1_s")),
+            ("depth", Some("depth_m")),
+            ("colour", None),
+        ] {
+            assert_eq!(meant(field, &known), wanted, "{field}");
+        }
+    }
 }

@@ -36,6 +36,10 @@ pub enum PixelFormatName {
     Uyvy,
     /// 8 bits of grey, and the colours behind them.
     Nv12,
+    /// Blue, green and red.
+    Bgr3,
+    /// Red, green and blue.
+    Rgb3,
     /// A JPEG file for each image.
     Mjpg,
 }
@@ -50,6 +54,8 @@ impl From<PixelFormatName> for PixelFormat {
             PixelFormatName::Yuyv => Self::Yuyv,
             PixelFormatName::Uyvy => Self::Uyvy,
             PixelFormatName::Nv12 => Self::Nv12,
+            PixelFormatName::Bgr3 => Self::Bgr3,
+            PixelFormatName::Rgb3 => Self::Rgb3,
             PixelFormatName::Mjpg => Self::Mjpg,
         }
     }

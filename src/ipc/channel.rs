@@ -8,6 +8,8 @@ use std::fmt;
 pub enum Channel {
     /// A camera's frames.
     Frame(CameraId),
+    /// Images that another program gives to the camera process.
+    Image(CameraId),
     /// How a real camera stands.
     Health(CameraId),
     /// What vision measured in them.
@@ -33,6 +35,7 @@ impl fmt::Display for Channel {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Frame(id) => write!(f, "camera/{id}/frame"),
+            Self::Image(id) => write!(f, "camera/{id}/image"),
             Self::Health(id) => write!(f, "camera/{id}/health"),
             Self::Measurement(id) => write!(f, "vision/{id}/measurement"),
             Self::JointState => f.write_str("control/joint_state"),

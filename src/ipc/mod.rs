@@ -4,6 +4,7 @@
 //! ```text
 //! service                    payload                    rate      made by    read by
 //! camera/N/frame             [u8] + FrameHeader         camera's  camera     vision
+//! camera/N/image             [u8] + ImageHeader         camera's  ext. camera camera
 //! camera/N/health            CameraHealth               5 Hz      camera     control
 //! vision/N/measurement       Measurement                camera's  vision     control
 //! control/joint_state        JointState                 1 kHz     control    camera
@@ -22,6 +23,7 @@ mod channel;
 mod command;
 mod error;
 mod frame_shape;
+mod image_ports;
 mod instance;
 mod ports;
 mod runtime_dir;
@@ -41,6 +43,7 @@ pub use command::{Asked, CommandClient, CommandServer, Pending};
 pub use error::IpcError;
 pub use frame_shape::{FrameShape, SPACE_BESIDE_FRAMES_BYTES};
 pub use heartbeat::Heartbeat;
+pub use image_ports::{ImagePorts, ImageSender, ReceivedImage};
 pub use instance::{Instance, InstanceError, RoleLock};
 pub use ports::{
     BorrowedFrame, FrameReceiver, FrameSender, QuietFrameReceiver, QuietSender, ReceivedFrame, Receiver,

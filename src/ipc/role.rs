@@ -16,6 +16,8 @@ pub enum Role {
     Control,
     /// Stands for the arm: the program of an external drive.
     Drive,
+    /// Stands for a camera: the program of an external one. Holds no lock.
+    CameraProgram(CameraId),
     /// Writes down what the others send.
     Recorder,
 }
@@ -37,6 +39,7 @@ impl Role {
             Self::Vision(_) => "vision",
             Self::Control => "control",
             Self::Drive => "drive",
+            Self::CameraProgram(_) => "camera program",
             Self::Recorder => "record",
         }
     }
@@ -45,7 +48,7 @@ impl Role {
     #[must_use]
     pub fn camera(self) -> Option<CameraId> {
         match self {
-            Self::Camera(id) | Self::Vision(id) => Some(id),
+            Self::Camera(id) | Self::Vision(id) | Self::CameraProgram(id) => Some(id),
             Self::Supervisor | Self::Control | Self::Drive | Self::Recorder => None,
         }
     }
@@ -55,7 +58,7 @@ impl Role {
 impl fmt::Display for Role {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Camera(id) | Self::Vision(id) if *id != CameraId::FIRST => {
+            Self::Camera(id) | Self::Vision(id) | Self::CameraProgram(id) if *id != CameraId::FIRST => {
                 write!(f, "{}-{id}", self.command())
             }
             Self::Recorder => f.pad("recorder"),

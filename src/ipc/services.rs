@@ -1,6 +1,7 @@
 //! Every service of an instance, with its limits, in one place: the process that comes first creates it, the others
 //! open it, and all must ask for the same.
 
+mod image;
 mod recorder;
 
 use super::caretaker::Caretaker;

@@ -6,6 +6,7 @@
 //!
 //! ```text
 //! camera --FrameHeader + [u8]--> vision --Measurement--> control --JointState--> camera
+//! external camera --ImageHeader + [u8]--> camera
 //! camera --CameraHealth--> control                       │  ├------Status--> supervisor, views
 //!                                                        │  └----TraceMsg, RequestMsg--> recorder
 //!                                                        └-DriveCommandMsg--> external drive --DriveStateMsg--> control
@@ -29,7 +30,7 @@ pub use camera_health::{CameraHealth, CameraState, health_flag};
 pub use camera_id::CameraId;
 pub use command::{COMMAND_VALUES, CommandForm, ControlAnswer, ControlCommand, answer_flag};
 pub use drive::{DriveCommandMsg, DriveStateMsg, drive_flag};
-pub use frame::{FrameHeader, frame_flag};
+pub use frame::{FrameHeader, ImageHeader, frame_flag};
 pub use joint_state::{JointState, joint_flag};
 pub use layout::{FieldType, FieldValue, MessageRecord, RecordField, RecordLayout};
 pub use measurement::{FeaturePoint, Measurement, TargetStatus, measurement_flag};

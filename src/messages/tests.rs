@@ -7,6 +7,8 @@ use std::mem::{align_of, offset_of, size_of};
 fn layouts_are_fixed() {
     assert_eq!((size_of::<FrameHeader>(), align_of::<FrameHeader>()), (64, 8));
     assert_eq!(offset_of!(FrameHeader, flags), 60);
+    assert_eq!((size_of::<ImageHeader>(), align_of::<ImageHeader>()), (48, 8));
+    assert_eq!((offset_of!(ImageHeader, format), offset_of!(ImageHeader, stride_bytes)), (24, 36));
     assert_eq!(size_of::<FeaturePoint>(), 48);
     assert_eq!((size_of::<Measurement>(), align_of::<Measurement>()), (3512, 8));
     assert_eq!(offset_of!(Measurement, camera), 64);
@@ -27,6 +29,7 @@ fn type_names_carry_their_version() {
     // SAFETY: the names are only read.
     for (name, wanted) in [
         (unsafe { FrameHeader::type_name() }, "vservo.FrameHeader.v2"),
+        (unsafe { ImageHeader::type_name() }, "vservo.ImageHeader.v1"),
         (unsafe { Measurement::type_name() }, "vservo.Measurement.v3"),
         (unsafe { JointState::type_name() }, "vservo.JointState.v2"),
         (unsafe { Status::type_name() }, "vservo.Status.v5"),
@@ -36,13 +39,14 @@ fn type_names_carry_their_version() {
 }
 
 /// All records.
-const LAYOUTS: [&RecordLayout; 11] = [
+const LAYOUTS: [&RecordLayout; 12] = [
     CameraHealth::LAYOUT,
     ControlAnswer::LAYOUT,
     ControlCommand::LAYOUT,
     DriveCommandMsg::LAYOUT,
     DriveStateMsg::LAYOUT,
     FrameHeader::LAYOUT,
+    ImageHeader::LAYOUT,
     JointState::LAYOUT,
     Measurement::LAYOUT,
     RequestMsg::LAYOUT,

@@ -1,4 +1,4 @@
-//! Between the supervisor and the program of an external drive: the program must not end before the arm is at rest, also when
+//! Between the supervisor and the program of an external drive or camera: the program must not end before the arm is at rest, also when
 //! the supervisor is killed.
 //!
 //! ```text
@@ -20,6 +20,14 @@ use std::time::Duration;
 const GRACE: SpanNs = SpanNs(400_000_000);
 const PERIOD: Duration = Duration::from_millis(5);
 
+/// Tells the program of an external camera which one it is.
+pub const CAMERA_VARIABLE: &str = "VSERVO_CAMERA";
+
+/// The key of the run file that names the program.
+pub(super) fn program_key(of_camera: bool) -> &'static str {
+    if of_camera { "camera.external.command" } else { "drive.external.command" }
+}
+
 /// Runs `command` in this process's folder until it ends, or until a stop is requested and control has ended; its exit code.
 ///
 /// # Errors
@@ -32,8 +40,10 @@ pub fn run(
 ) -> Result<u8, ProcessError> {
     follow_parent(parent, stop);
     let [program, arguments @ ..] = command else { return Ok(0) };
+    let of_camera = std::env::var_os(CAMERA_VARIABLE).is_some();
+    let key = program_key(of_camera);
     let folder = std::env::current_dir().unwrap_or_default();
-    let failed = |cause| ProcessError::DriveProgram { program: program.clone(), folder, cause };
+    let failed = |cause| ProcessError::ForeignProgram { key, program: program.clone(), folder, cause };
     let mut command = Command::new(program);
     command.args(arguments);
     end_with_parent(&mut command);

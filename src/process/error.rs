@@ -35,7 +35,8 @@ pub enum ProcessError {
     SourceSilent(f64),
     /// A camera that was away for longer than it may be.
     #[error(
-        "the camera is {state}: no frame for {lasted_s:.1} s (camera.v4l2.give_up_s); see to its cable and power"
+        "the camera is {state}: no frame for {lasted_s:.1} s (`give_up_s` of its table); see to its cable and \
+         power, or to its program"
     )]
     CameraAway {
         /// What is wrong with it.
@@ -133,12 +134,12 @@ pub enum ProcessError {
         takes: String,
     },
     /// The external drive did not come, or came and did not answer.
-    #[error(
-        "the external drive did not connect within {waited_s:.1} s (drive.external.connect_timeout_s): {state}"
-    )]
+    #[error("the external drive did not connect within {waited_s:.1} s ({limit}): {state}")]
     DriveAbsent {
         /// How long it was waited for.
         waited_s: f64,
+        /// The key of that time.
+        limit: &'static str,
         /// What there was of it.
         state: String,
     },
@@ -152,9 +153,11 @@ pub enum ProcessError {
         /// In what.
         disagreements: Disagreements,
     },
-    /// The program of the external drive cannot be started.
-    #[error("drive.external.command: cannot start `{program}` in {folder}: {cause}", folder = folder.display())]
-    DriveProgram {
+    /// The program of an external drive or camera cannot be started.
+    #[error("{key}: cannot start `{program}` in {folder}: {cause}", folder = folder.display())]
+    ForeignProgram {
+        /// The key that names it.
+        key: &'static str,
         /// The program.
         program: String,
         /// Where it was to be started.
@@ -308,7 +311,7 @@ impl ProcessError {
             | Self::DriveMode { .. }
             | Self::DriveState { .. }
             | Self::DriveAbsent { .. }
-            | Self::DriveProgram { .. }
+            | Self::ForeignProgram { .. }
             | Self::Disagree { .. }
             | Self::Ipc(IpcError::Type { .. }) => 3,
             Self::Timeout(_)

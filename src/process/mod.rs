@@ -38,12 +38,14 @@ const LONGEST_WAIT: Duration = Duration::from_millis(50);
 
 /// The processes beside control that see for it: vision first, then its cameras.
 fn seeing_roles(config: &Config) -> Vec<Role> {
-    let id = config.camera.id;
+    let cameras = seeing_cameras(config).map(|camera| Role::Camera(camera.id));
+    std::iter::once(Role::Vision(config.camera.id)).chain(cameras).collect()
+}
+
+/// The cameras that a run uses: one, or a pair.
+fn seeing_cameras(config: &Config) -> impl Iterator<Item = &Camera> {
     let pair = config.further_cameras.iter().filter(|_| config.stereo.is_some());
-    [Role::Vision(id), Role::Camera(id)]
-        .into_iter()
-        .chain(pair.map(|camera| Role::Camera(camera.id)))
-        .collect()
+    std::iter::once(&config.camera).chain(pair)
 }
 
 /// Longest spin of a lockstep process before it sleeps, where a core is free. Chosen by hand: about the time of a frame from its

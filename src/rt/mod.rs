@@ -18,5 +18,6 @@ pub use output::{CLEAR_LINE, Stderr, print, tell};
 pub use prefault::{page_faults, prefault};
 pub use scheduling::{
     Awake, Obtained, SchedulingError, USUAL_SPIN, prepare_process, prepare_thread, spin_before_deadlines,
+    why_not_on,
 };
 pub use write_file::{IsRead, check_writable, write_file};

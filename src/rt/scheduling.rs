@@ -4,7 +4,7 @@
 use crate::config::RealtimeRequest;
 use crate::time::SpanNs;
 use rustix::mm::{MlockAllFlags, mlockall};
-use rustix::thread::{CpuSet, sched_setaffinity, set_current_timer_slack};
+use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity, set_current_timer_slack};
 use std::fmt;
 use std::fs::{File, OpenOptions};
 use std::io::Write as _;
@@ -92,6 +92,18 @@ impl Awake {
         };
         ask().map(|file| Self { _request: file }).map_err(|e| e.to_string())
     }
+}
+
+/// Why this process cannot run on core `cpu`, in words; `None` where it can, or where the system does not say.
+#[must_use]
+pub fn why_not_on(cpu: u32) -> Option<String> {
+    let set = sched_getaffinity(None).ok()?;
+    let cores: Vec<_> = (0..CpuSet::MAX_CPU).filter(|core| set.is_set(*core)).collect();
+    if cores.contains(&(cpu as usize)) {
+        return None;
+    }
+    let cores = cores.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
+    Some(format!("core {cpu} is not there, or not for this process; it may use {cores}"))
 }
 
 /// Locks the memory of the process, where asked. To be called before the threads start.

@@ -1,5 +1,5 @@
 //! Simulated time: the loop over ticks that every simulation shares, and a whole run in one process; what a run has before it
-//! ([`preflight`]), and a start and a goal for it ([`place`](mod@place)).
+//! ([`preflight`]), values for it ([`tune`]), and a start and a goal for it ([`place`](mod@place)).
 
 mod closed_loop;
 mod hand_eye_session;
@@ -7,6 +7,7 @@ mod perfect_camera;
 pub mod place;
 pub mod preflight;
 mod system;
+pub mod tune;
 
 pub use closed_loop::{ClosedLoop, frame_every, run};
 pub use hand_eye_session::look_around;

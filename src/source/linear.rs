@@ -25,7 +25,7 @@ impl ScheduledSource for Linearized<dyn ScheduledSource> {
     }
 }
 
-impl FreeRunningSource for Linearized<dyn FreeRunningSource> {
+impl<S: FreeRunningSource + ?Sized> FreeRunningSource for Linearized<S> {
     fn wait(&mut self, longest: Duration) -> Result<Option<Captured>, SourceError> {
         self.source.wait(longest)
     }

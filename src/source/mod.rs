@@ -4,12 +4,16 @@
 //! arm states (1 kHz) ─► synthetic ─┐  scheduled: triggered
 //! folder of images   ─► replay    ─┴─► expose(exposure, buffer in shared memory)
 //!                                      free-running: tells when it did
-//! a real camera      ────────────────► wait() ─► Captured { mid, span, sequence, lost }, fill(buffer in shared memory)
+//! another program    ─► external ┐
+//! a real camera      ─► v4l2 ────┴────────────► wait() ─► Captured { mid, span, sequence, lost }, fill(buffer in shared memory)
 //! ```
 
+mod count;
+pub mod external;
 mod image_file;
 mod linear;
 mod replay;
+mod stamp;
 pub mod v4l2;
 
 pub use crate::scene::Exposure;
@@ -20,6 +24,7 @@ use v4l2::{CaptureRequest, V4l2Error};
 
 use crate::config::assemble::{self, AssembleError};
 use crate::config::{self, Config};
+use crate::ipc::IpcError;
 use crate::messages::{CameraState, JointState};
 use crate::robot::{Robot, RobotError};
 use crate::scene::SyntheticCamera;
@@ -101,6 +106,17 @@ pub enum SourceError {
         /// The camera's rows.
         height: u32,
     },
+    /// An external camera gives images that are none.
+    #[error("camera.source `external`: {0}")]
+    ExternalImage(String),
+    /// An external camera needs a run.
+    #[error(
+        "camera.source `external`: images come through an instance; use `vservo serve` or `vservo camera check`"
+    )]
+    NeedsInstance,
+    /// The transport of an external camera's images fails.
+    #[error(transparent)]
+    Ipc(#[from] IpcError),
     /// A camera cannot be used.
     #[error(transparent)]
     V4l2(#[from] V4l2Error),
@@ -116,7 +132,7 @@ impl SourceError {
     /// Whether no change of a file would help.
     #[must_use]
     pub fn is_internal(&self) -> bool {
-        matches!(self, Self::V4l2(error) if error.is_internal())
+        matches!(self, Self::Ipc(_)) || matches!(self, Self::V4l2(error) if error.is_internal())
     }
 
     fn image(file: &Path, cause: image::ImageError) -> Self {
@@ -260,7 +276,21 @@ pub fn open(config: &Config) -> Result<AnySource, SourceError> {
                 None => free_running(source),
             }
         }
+        config::Source::External(_) => return Err(SourceError::NeedsInstance),
     })
+}
+
+/// The external camera of a configuration, whose images come over `link`.
+pub fn open_external<'a, L: external::ImageLink + 'a>(
+    config: &Config,
+    link: L,
+) -> Box<dyn FreeRunningSource + 'a> {
+    let source: Box<dyn FreeRunningSource + 'a> =
+        Box::new(external::ExternalCamera::new(link, &config.camera));
+    match config.camera.response.linearization() {
+        Some(table) => Box::new(Linearized { table, source }),
+        None => source,
+    }
 }
 
 /// The synthetic camera of a configuration whose arm has as many joints as `_robot`.

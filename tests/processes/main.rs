@@ -17,6 +17,7 @@ mod drive_imperfections;
 mod dry_run;
 mod experiments;
 mod explain;
+mod external_camera;
 mod external_drive;
 mod external_drive_joins;
 mod gains;

@@ -4,7 +4,8 @@ use super::lens;
 use crate::camera_model::{CameraModel, Region};
 use crate::config::check::Validation;
 use crate::config::frame_source;
-use crate::config::raw::{MountKind, RawCamera, RawConfig, RawRoi};
+use crate::config::place::RawMount;
+use crate::config::raw::{MountKind, RawCamera, RawConfig, RawLens, RawRoi};
 use crate::config::stereo::right_mount;
 use crate::config::{Camera, Document};
 use crate::messages::{CameraId, MAX_CAMERAS};
@@ -89,10 +90,13 @@ fn camera(
     let seed = raw.run.seed ^ u64::from(id.0).wrapping_mul(0x9E37_79B9_7F4A_7C15);
     let source = frame_source::source(c, look, seed, at, check);
     let text = match (c.response.as_str(), c.source) {
-        ("auto", frame_source::SourceKind::V4l2) => "unknown",
+        ("auto", frame_source::SourceKind::V4l2 | frame_source::SourceKind::External) => "unknown",
         ("auto", _) => "linear",
         (text, _) => text,
     };
+    if !c.source.is_simulated() && c.source.closes_the_loop() {
+        uncalibrated(c, at, check);
+    }
     let response = frame_source::response(&key("response"), text, check);
     let (intrinsics, bends) = lens::believed(at, lens, (width_px, height_px), check);
     let region = region(c, at, check);
@@ -131,6 +135,24 @@ fn camera(
             check.wrong(&key("lens"), e.to_string());
             None
         }
+    }
+}
+
+/// Tells where a real camera has a lens or a mount that nobody has given: what the default camera has is nobody's.
+fn uncalibrated(c: &RawCamera, at: &str, check: &mut Validation<'_>) {
+    if c.lens == RawLens::default() {
+        check.doubtful(
+            &format!("{at}.lens"),
+            "is the default lens, which no real camera has: `vservo calibrate camera` finds this one; until then distances and poses \
+             are wrong, and with them every law that needs them",
+        );
+    }
+    if c.mount == RawMount::default() {
+        check.doubtful(
+            &format!("{at}.mount"),
+            "is the default mount, which no real camera has: `vservo calibrate hand-eye` finds this one; until then the arm moves \
+             another way than the law means",
+        );
     }
 }
 

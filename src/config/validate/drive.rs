@@ -81,13 +81,8 @@ pub(super) fn drive(
     let connect_timeout_s =
         check.range("drive.external.connect_timeout_s", d.external.connect_timeout_s, 0.1..=3600.0);
     if d.kind == DriveKind::External {
-        if d.external.command.first().is_some_and(String::is_empty) {
-            check.wrong("drive.external.command", "the program's name is empty");
-        }
-        if !d.external.command.is_empty() && !d.external.folder.is_dir() {
-            let message = format!("{} is not a folder", d.external.folder.display());
-            check.wrong("drive.external.folder", message);
-        }
+        let e = &d.external;
+        check.program("drive.external.command", &e.command, "drive.external.folder", &e.folder);
         if !raw.camera.source.closes_the_loop() {
             check.wrong("drive.kind", "replayed images do not show the arm: no external drive can be moved");
         }

@@ -13,6 +13,8 @@ enum Pick {
     Second,
     /// Each two bytes as a little-endian number, shifted right; what does not fit is white.
     Shifted(u32),
+    /// The sum of each three bytes, weighted in 256ths.
+    Weighted([u16; 3]),
 }
 
 /// A kernel, in the width of this processor.
@@ -42,6 +44,10 @@ impl LumaKernel {
 
     pub(super) fn shifted(bits: u32) -> Self {
         Self::new(Pick::Shifted(bits))
+    }
+
+    pub(super) fn weighted(weights: [u16; 3]) -> Self {
+        Self::new(Pick::Weighted(weights))
     }
 
     /// The kernel that every processor of this architecture has.
@@ -82,6 +88,11 @@ impl LumaKernel {
             Pick::Second => each_pair(raw, stride, width, out, |[_, second]| second),
             Pick::Shifted(2) => each_pair(raw, stride, width, out, |pair| shifted(pair, 2)),
             Pick::Shifted(bits) => each_pair(raw, stride, width, out, |pair| shifted(pair, bits)),
+            Pick::Weighted(weights) => each_line(raw, stride, 3 * width, width, out, |line, levels| {
+                for (out, colours) in levels.iter_mut().zip(line.as_chunks::<3>().0) {
+                    *out = weighted(*colours, weights);
+                }
+            }),
         }
     }
 }
@@ -113,6 +124,13 @@ fn each_pair(raw: &[u8], stride: usize, width: usize, out: &mut [u8], level: imp
             *out = level(*pair);
         }
     });
+}
+
+/// The weighted mean, rounded.
+#[inline(always)]
+fn weighted(colours: [u8; 3], weights: [u16; 3]) -> u8 {
+    let sum: u16 = colours.iter().zip(weights).map(|(c, w)| u16::from(*c) * w).sum();
+    (sum.saturating_add(128) >> 8) as u8
 }
 
 #[inline(always)]

@@ -7,6 +7,7 @@
 //! | `Y16` | 2 w, little-endian | the upper byte |
 //! | `YUYV`, `UYVY` | 2 w, w even | each first, each second byte |
 //! | `NV12` | w, then the chroma plane | the byte of the first plane |
+//! | `BGR3`, `RGB3` | 3 w | 0.299 red + 0.587 green + 0.114 blue (ITU-R BT.601), in 256ths |
 //! | `MJPG` | a JPEG a frame | its luma ([`jpeg`](super::jpeg)) |
 //!
 //! Levels are left as they are: where a device has video levels (black 16, white 235), as most with YUYV and NV12 have, the
@@ -35,14 +36,28 @@ pub enum PixelFormat {
     Uyvy,
     /// A plane of luma, then one of chroma pairs for every 2 x 2 pixels.
     Nv12,
+    /// Blue, green, red: a byte each.
+    Bgr3,
+    /// Red, green, blue: a byte each.
+    Rgb3,
     /// A JPEG a frame.
     Mjpg,
 }
 
 impl PixelFormat {
     /// All of them, from the cheapest way to grey to the dearest.
-    pub const ALL: [Self; 8] =
-        [Self::Grey, Self::Nv12, Self::Yuyv, Self::Uyvy, Self::Y16, Self::Y12, Self::Y10, Self::Mjpg];
+    pub const ALL: [Self; 10] = [
+        Self::Grey,
+        Self::Nv12,
+        Self::Yuyv,
+        Self::Uyvy,
+        Self::Y16,
+        Self::Y12,
+        Self::Y10,
+        Self::Bgr3,
+        Self::Rgb3,
+        Self::Mjpg,
+    ];
 
     /// The four letters by which Video4Linux knows it.
     #[must_use]
@@ -55,6 +70,8 @@ impl PixelFormat {
             Self::Yuyv => b"YUYV",
             Self::Uyvy => b"UYVY",
             Self::Nv12 => b"NV12",
+            Self::Bgr3 => b"BGR3",
+            Self::Rgb3 => b"RGB3",
             Self::Mjpg => b"MJPG",
         }
     }
@@ -75,6 +92,7 @@ impl PixelFormat {
             Self::Y10 | Self::Y12 | Self::Y16 => width.saturating_mul(2),
             // two pixels share their chroma
             Self::Yuyv | Self::Uyvy => width.div_ceil(2).saturating_mul(4),
+            Self::Bgr3 | Self::Rgb3 => width.saturating_mul(3),
             Self::Mjpg => 0,
         }
     }
@@ -96,6 +114,10 @@ impl PixelFormat {
         padded.saturating_mul(stride_bytes).saturating_add(self.min_stride_bytes(width_px))
     }
 }
+
+/// The weights of ITU-R BT.601, 2.5.1, in 256ths, which sum up to 256: what JPEG and YUV cameras have as luma, and OpenCV as grey.
+const BLUE_GREEN_RED: [u16; 3] = [29, 150, 77];
+const RED_GREEN_BLUE: [u16; 3] = [77, 150, 29];
 
 /// Start, a quantization table, frame, scan, a byte and the end: the segments' lengths of ITU-T T.81.
 const SMALLEST_JPEG_BYTES: usize = 2 + 69 + 13 + 10 + 1 + 2;
@@ -161,6 +183,8 @@ impl ToGrey {
             PixelFormat::Y12 => GreyDecoder::Lines(LumaKernel::shifted(4)),
             PixelFormat::Y16 | PixelFormat::Uyvy => GreyDecoder::Lines(LumaKernel::second()),
             PixelFormat::Yuyv => GreyDecoder::Lines(LumaKernel::first()),
+            PixelFormat::Bgr3 => GreyDecoder::Lines(LumaKernel::weighted(BLUE_GREEN_RED)),
+            PixelFormat::Rgb3 => GreyDecoder::Lines(LumaKernel::weighted(RED_GREEN_BLUE)),
             PixelFormat::Mjpg => GreyDecoder::Jpeg(Box::new(LumaDecoder::new(width_px, height_px))),
         };
         Self { format, width: width_px, height: height_px, way }

@@ -11,8 +11,17 @@ fn level(format: PixelFormat, line: &[u8], x: usize) -> u8 {
         PixelFormat::Y16 => (wide(16) / 256) as u8,
         PixelFormat::Yuyv => line[2 * x],
         PixelFormat::Uyvy => line[2 * x + 1],
+        PixelFormat::Bgr3 => of_colours(line[3 * x + 2], line[3 * x + 1], line[3 * x]),
+        PixelFormat::Rgb3 => of_colours(line[3 * x], line[3 * x + 1], line[3 * x + 2]),
         PixelFormat::Mjpg => unreachable!("has no lines"),
     }
+}
+
+/// The weights of BT.601 in 256ths, rounded like any fraction.
+fn of_colours(red: u8, green: u8, blue: u8) -> u8 {
+    let weights = [0.299, 0.587, 0.114].map(|w: f64| (w * 256.0).round());
+    let sum = weights[0] * f64::from(red) + weights[1] * f64::from(green) + weights[2] * f64::from(blue);
+    (sum / 256.0 + 0.5).floor().min(255.0) as u8
 }
 
 fn format() -> impl Strategy<Value = PixelFormat> {

@@ -7,11 +7,13 @@ mod scheduled;
 use super::priority::{self, Rank};
 use super::{Membership, ProcessError, StopFlag, frame_shape};
 use crate::config::{self, Config};
-use crate::ipc::{FrameSender, Instance, Role, Sender};
-use crate::messages::{CameraHealth, FrameHeader, frame_flag};
+use crate::ipc::{FrameSender, ImagePorts, Instance, ReceivedImage, Role, Sender, Services};
+use crate::messages::{CameraHealth, FrameHeader, ImageHeader, frame_flag};
 use crate::rt::now;
-use crate::source::{self, AnySource, Filled, SourceError};
+use crate::source::external::{ForeignImage, ImageLink};
+use crate::source::{self, AnySource, Filled, FreeRunningSource, SourceError};
 use crate::time::{MonoNs, SpanNs};
+use std::time::Duration;
 use tracing::info;
 
 /// Runs the camera of `config` until a stop is requested or the source ends.
@@ -20,11 +22,14 @@ use tracing::info;
 /// When the source, shared memory or the instance fails.
 pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<(), ProcessError> {
     let id = config.camera.id;
-    let source = source::open(config)?;
+    let opened = match &config.camera.source {
+        config::Source::External(_) => None,
+        _ => Some(source::open(config)?),
+    };
     let membership = Membership::join(instance, Role::Camera(id), config)?;
     let services = membership.services();
-    match source {
-        AnySource::Scheduled(source) => {
+    match opened {
+        Some(AnySource::Scheduled(source)) => {
             // Control begins when it sees who sends frames: from then on no state of the arm may be missed.
             let (arm, wake_listener) = services.joint_state_receiver()?;
             let frames = services.frame_sender(id, frame_shape(config))?;
@@ -34,17 +39,68 @@ pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<(), 
             let camera = scheduled::ScheduledCamera::new(config, &membership, source, frames, arm);
             camera.run(&wake_listener, stop)
         }
-        AnySource::FreeRunning(mut source) => {
-            let frames = services.frame_sender(id, frame_shape(config))?;
-            let health = services.health_sender(id)?;
-            services.require_room_for_peers()?;
-            priority::take(config, Rank::Camera)?;
-            info!("camera runs by its own clock");
-            let mut outlet = SharedMemory { camera: &config.camera, membership: &membership, frames, health };
-            let patience =
-                free_running::SilenceLimits::with(config.camera.rate_hz, give_up(&config.camera.source));
-            free_running::run(source.as_mut(), &mut outlet, patience, stop)
+        Some(AnySource::FreeRunning(mut source)) => run_free(config, &membership, source.as_mut(), stop),
+        None => {
+            let link = SharedImages { ports: services.image_ports(id)?, services };
+            run_free(config, &membership, source::open_external(config, link).as_mut(), stop)
         }
+    }
+}
+
+/// Runs a camera that exposes by its own clock.
+fn run_free(
+    config: &Config,
+    membership: &Membership,
+    source: &mut dyn FreeRunningSource,
+    stop: &StopFlag,
+) -> Result<(), ProcessError> {
+    let (id, services) = (config.camera.id, membership.services());
+    let frames = services.frame_sender(id, frame_shape(config))?;
+    let health = services.health_sender(id)?;
+    services.require_room_for_peers()?;
+    priority::take(config, Rank::Camera)?;
+    info!("camera runs by its own clock");
+    let mut outlet = SharedMemory { camera: &config.camera, membership, frames, health };
+    let patience = free_running::SilenceLimits::with(config.camera.rate_hz, give_up(&config.camera.source));
+    free_running::run(source, &mut outlet, patience, stop)
+}
+
+/// Images of an external camera, through an instance.
+pub struct SharedImages<'a> {
+    /// Where they come.
+    pub ports: ImagePorts,
+    /// The instance.
+    pub services: &'a Services,
+}
+
+impl ForeignImage for ReceivedImage {
+    fn header(&self) -> ImageHeader {
+        Self::header(self)
+    }
+
+    fn bytes(&self) -> &[u8] {
+        Self::bytes(self)
+    }
+}
+
+impl ImageLink for SharedImages<'_> {
+    type Image = ReceivedImage;
+
+    fn wait(&mut self, longest: Duration) -> Result<(), SourceError> {
+        Ok(self.ports.wait(longest)?)
+    }
+
+    fn receive(&mut self) -> Result<Option<ReceivedImage>, SourceError> {
+        Ok(self.ports.receive()?)
+    }
+
+    fn has_sender(&mut self) -> bool {
+        self.services.remove_dead_peers();
+        self.ports.has_sender()
+    }
+
+    fn now(&self) -> MonoNs {
+        now()
     }
 }
 
@@ -52,6 +108,7 @@ pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<(), 
 fn give_up(source: &config::Source) -> SpanNs {
     match source {
         config::Source::V4l2(settings) => settings.give_up,
+        config::Source::External(program) => program.give_up,
         config::Source::Synthetic { .. } | config::Source::Replay { .. } => SpanNs::ZERO,
     }
 }

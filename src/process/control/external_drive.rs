@@ -252,6 +252,8 @@ struct DriveWait {
     supervised: bool,
     there_since: Option<MonoNs>,
     timeout: SpanNs,
+    /// A run that is to end by itself does not wait longer than it may last.
+    longest: Option<SpanNs>,
 }
 
 impl DriveWait {
@@ -263,6 +265,7 @@ impl DriveWait {
             supervised: !external.command.is_empty(),
             there_since: None,
             timeout: external.connect_timeout,
+            longest: (!config.serve).then_some(config.duration),
         }
     }
 
@@ -275,8 +278,17 @@ impl DriveWait {
         let state = || {
             if there { "it is there, but does not answer START".into() } else { presence.describe() }
         };
-        if since.is_some_and(|since| time - since > self.timeout) {
-            return Err(ProcessError::DriveAbsent { waited_s: (time - self.began).as_s(), state: state() });
+        let limit = if since.is_some_and(|since| time - since > self.timeout) {
+            Some("drive.external.connect_timeout_s")
+        } else {
+            self.longest.filter(|longest| time - self.began > *longest).map(|_| "run.duration_s")
+        };
+        if let Some(limit) = limit {
+            return Err(ProcessError::DriveAbsent {
+                waited_s: (time - self.began).as_s(),
+                limit,
+                state: state(),
+            });
         }
         match self.told {
             None if !there => {

@@ -2,9 +2,9 @@
 
 use super::RunOutputs;
 use super::reap::{ChildState, Used, reap};
-use crate::config::DriveProgram;
 use crate::ipc::{Instance, Role};
 use crate::process::ProcessError;
+use crate::process::drive_guard::{CAMERA_VARIABLE, program_key};
 use crate::report::summary::ProcessUsage;
 use crate::rt::{log_environment, now};
 use crate::time::MonoNs;
@@ -14,6 +14,7 @@ use std::fs::File;
 use std::io::Read;
 use std::os::fd::AsFd;
 use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::path::Path;
 use std::process::{Command, ExitStatus, Stdio};
 use std::thread::JoinHandle;
 
@@ -100,24 +101,29 @@ impl Child {
         Ok(Self { role, process, started, end: None, usage: None, output })
     }
 
-    /// Starts the program of an external drive, behind its guard: it ends when the supervisor has, but not before control.
-    pub(super) fn spawn_drive(
-        drive: &DriveProgram,
+    /// Starts the program of an external drive or camera, behind its guard: it ends when the supervisor has, but not before control.
+    pub(super) fn spawn_program(
+        role: Role,
+        all: &[String],
+        folder: &Path,
         instance: &Instance,
     ) -> Result<Option<Self>, ProcessError> {
-        let [program, ..] = drive.command.as_slice() else { return Ok(None) };
-        let failed = |cause| ProcessError::DriveProgram {
+        let [program, ..] = all else { return Ok(None) };
+        let key = program_key(role.camera().is_some());
+        let failed = |cause| ProcessError::ForeignProgram {
+            key,
             program: program.clone(),
-            folder: drive.folder.clone(),
+            folder: folder.into(),
             cause,
         };
         let mut command = Command::new(std::env::current_exe().map_err(failed)?);
         command
             .args(["drive-guard", "--instance", &instance.to_string()])
             .args(["--supervised-by", &std::process::id().to_string(), "--"])
-            .args(&drive.command)
-            .current_dir(&drive.folder)
+            .args(all)
+            .current_dir(folder)
             .envs(instance.environment())
+            .envs(role.camera().map(|camera| (CAMERA_VARIABLE, camera.to_string())))
             .envs(log_environment())
             .stdin(Stdio::null())
             // stdout belongs to the results of the run.
@@ -125,7 +131,7 @@ impl Child {
             .process_group(0);
         let started = now();
         let process = command.spawn().map_err(failed)?;
-        Ok(Some(Self { role: Role::Drive, process, started, end: None, usage: None, output: None }))
+        Ok(Some(Self { role, process, started, end: None, usage: None, output: None }))
     }
 
     pub(super) fn role(&self) -> Role {

@@ -4,9 +4,9 @@
 use super::child::{Child, ProcessEnd};
 use super::{RunOutputs, Watch};
 use crate::config::Config;
-use crate::config::{Clock, DriveKind};
+use crate::config::{CameraProgram, Clock, DriveKind, DriveProgram, Source};
 use crate::ipc::{Instance, Role};
-use crate::process::{ProcessError, seeing_roles};
+use crate::process::{ProcessError, seeing_cameras, seeing_roles};
 use crate::report::summary::{ProcessUsage, Summary};
 use crate::rt::{now, tell};
 use crate::time::{MonoNs, SpanNs};
@@ -68,7 +68,14 @@ impl Children {
             children.others.push(Child::spawn(role, instance, written, outputs)?);
         }
         if config.drive.kind == DriveKind::External {
-            children.others.extend(Child::spawn_drive(&config.drive.external, instance)?);
+            let DriveProgram { command, folder, .. } = &config.drive.external;
+            children.others.extend(Child::spawn_program(Role::Drive, command, folder, instance)?);
+        }
+        for camera in seeing_cameras(config) {
+            if let Source::External(CameraProgram { command, folder, .. }) = &camera.source {
+                let role = Role::CameraProgram(camera.id);
+                children.others.extend(Child::spawn_program(role, command, folder, instance)?);
+            }
         }
         Ok(children)
     }

@@ -14,7 +14,6 @@
 //! A frame's way: taken from the driver, dated, converted once into shared memory, given back. Nothing here waits longer than its caller allows,
 //! but for the driver's own opening and starting.
 
-use super::count::Backoff;
 use super::fault::is_gone;
 use super::name::{self, Identity, OpenedNode};
 use super::node::{CameraHost, Waited};
@@ -22,6 +21,7 @@ use super::session::{Losses, Session};
 use super::track::Track;
 use super::{CaptureFacts, CaptureRequest, V4l2Error};
 use crate::messages::CameraState;
+use crate::source::count::Backoff;
 use crate::source::{Captured, Filled, FreeRunningSource, SourceError, SourceHealth};
 use crate::time::{MonoNs, SpanNs};
 use rustix::io::Errno;

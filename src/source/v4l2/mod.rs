@@ -6,7 +6,7 @@
 //! crop, format,         what it is asked for, and what it made of that
 //! controls
 //! session.rs            one opening: buffers, the newest good frame, its one conversion
-//! stamp.rs, count.rs    pure: when a frame was exposed, how many were lost, how long to pause
+//! ../stamp, ../count    pure: when a frame was exposed, how many were lost, how long to pause
 //! track.rs              numbers, times and rate of a stream's frames
 //! camera.rs             the source: goes on, whatever happens to the device
 //! listing.rs, probe.rs  what there is, and how well it does: `vservo camera --list`, `--probe`
@@ -20,7 +20,6 @@
 mod abi;
 mod camera;
 mod controls;
-mod count;
 mod crop;
 mod device;
 mod fault;
@@ -32,11 +31,11 @@ mod name;
 mod node;
 mod probe;
 mod session;
-mod stamp;
 #[cfg(test)]
 mod tests;
 mod track;
 
+pub use crate::source::stamp::StampDoubt;
 pub use camera::V4l2Camera;
 pub use fault::V4l2Error;
 pub use format::{OfferedFormat, OfferedSize, rates_line};
@@ -45,8 +44,7 @@ pub use node::{
     ControlKind, ControlOffer, FormatName, FourCc, Interval, NodeInfo, NodeKind, RateOffer, SensorArea,
     SizeOffer, StampClock,
 };
-pub use probe::{Probe, ProbeReport, Spread};
-pub use stamp::StampDoubt;
+pub use probe::{Probe, ProbeReport, SourceCheck, Spread};
 
 use crate::config::{self, V4l2Settings};
 use crate::time::SpanNs;

@@ -2,7 +2,7 @@
 
 use super::node::{NodeInfo, StampClock};
 use super::{CaptureFacts, FourCc, V4l2Camera};
-use crate::source::{Captured, Filled, FreeRunningSource, SourceError};
+use crate::source::{Captured, Filled, FreeRunningSource, SourceError, SourceHealth};
 use crate::time::{MonoNs, SpanNs};
 use serde::Serialize;
 use std::path::PathBuf;
@@ -86,6 +86,37 @@ pub struct ProbeReport {
     pub stamps_doubted: Option<&'static str>,
 }
 
+/// What a source of any kind did while it was measured.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SourceCheck {
+    /// Rate of the run file.
+    pub asked_hz: f64,
+    /// Rate by the stamps.
+    pub obtained_hz: f64,
+    /// Frames that were usable.
+    pub frames: u64,
+    /// Frames that were not, by the source's own count.
+    pub lost: u64,
+    /// Damaged ones: of another size or format, or too short.
+    pub corrupt: u64,
+    /// Such as came together with a newer one.
+    pub superseded: u64,
+    /// Such as had no possible stamp.
+    pub undated: u64,
+    /// How often it was silent and came back.
+    pub interrupted: u64,
+    /// Frames whose stamps lay in the future.
+    pub stamps_clamped: u64,
+    /// Whether its stamps are not believed.
+    pub stamps_doubted: bool,
+    /// How long the measurement took, s.
+    pub duration_s: f64,
+    /// Distance of neighbouring frames less the mean distance, its size.
+    pub jitter: Spread,
+    /// From the middle of the exposure to where the frame can be read.
+    pub latency: Spread,
+}
+
 /// A measurement that goes on.
 #[derive(Debug)]
 pub struct Probe {
@@ -114,7 +145,7 @@ impl Probe {
     /// [`SourceError`].
     pub fn take(
         &mut self,
-        camera: &mut V4l2Camera,
+        camera: &mut dyn FreeRunningSource,
         now: &mut dyn FnMut() -> MonoNs,
     ) -> Result<Option<&[u8]>, SourceError> {
         let Some(Captured { mid, sequence, .. }) = camera.wait(SLICE)? else { return Ok(None) };
@@ -137,19 +168,50 @@ impl Probe {
         self.mids.len()
     }
 
+    /// What a source of any kind did; `None` where no frame came.
+    #[must_use]
+    pub fn check(self, health: &SourceHealth, now: MonoNs) -> Option<SourceCheck> {
+        let (exposures, mean_s) = self.steps()?;
+        let frames = self.mids.len() as u64;
+        Some(SourceCheck {
+            asked_hz: self.asked_hz,
+            obtained_hz: if mean_s > 0.0 { 1.0 / mean_s } else { 0.0 },
+            frames,
+            lost: (exposures + 1).saturating_sub(frames),
+            corrupt: health.corrupt,
+            superseded: health.superseded,
+            undated: health.undated,
+            interrupted: health.restarted + health.reopened,
+            stamps_clamped: health.stamps_clamped,
+            stamps_doubted: health.stamps_are_doubted,
+            duration_s: (now - self.begin).as_s(),
+            jitter: self.jitter(mean_s),
+            latency: Spread::of(self.latencies),
+        })
+    }
+
+    /// Exposures between the first and the last frame, and the mean distance of two, s.
+    fn steps(&self) -> Option<(u64, f64)> {
+        let ((first, from), (last, to)) = (*self.mids.first()?, *self.mids.last()?);
+        let exposures = to - from;
+        Some((exposures, (last - first).as_s() / exposures.max(1) as f64))
+    }
+
+    fn jitter(&self, mean_s: f64) -> Spread {
+        let steps = self.mids.iter().zip(self.mids.iter().skip(1));
+        let jitter = steps.map(|((a, m), (b, n))| {
+            let off_s = (*b - *a).as_s() - mean_s * (n - m) as f64;
+            SpanNs::from_s(off_s.abs())
+        });
+        Spread::of(jitter.collect())
+    }
+
     /// What was found; `None` where no frame came, or the camera is away.
     #[must_use]
     pub fn report(self, camera: &V4l2Camera, now: MonoNs) -> Option<ProbeReport> {
         let facts = camera.facts()?;
         let health = camera.health();
-        let ((first, from), (last, to)) = (*self.mids.first()?, *self.mids.last()?);
-        let exposures = to - from;
-        let mean = (last - first).as_s() / exposures.max(1) as f64;
-        let steps = self.mids.iter().zip(self.mids.iter().skip(1));
-        let jitter = steps.map(|((a, m), (b, n))| {
-            let off_s = (*b - *a).as_s() - mean * (n - m) as f64;
-            SpanNs::from_s(off_s.abs())
-        });
+        let (exposures, mean) = self.steps()?;
         let frames = self.mids.len() as u64;
         let CaptureFacts { path, info, format, width, height, rate_hz, exposure, .. } = facts;
         Some(ProbeReport {
@@ -166,7 +228,7 @@ impl Probe {
             corrupt: health.corrupt,
             superseded: health.superseded,
             duration_s: (now - self.begin).as_s(),
-            jitter: Spread::of(jitter.collect()),
+            jitter: self.jitter(mean),
             latency: Spread::of(self.latencies),
             conversion: Spread::of(self.conversions),
             exposure_ms: exposure.as_s() * 1e3,

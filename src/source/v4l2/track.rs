@@ -1,10 +1,10 @@
 //! What is known of a stream's frames: their numbers, when and for how long they were exposed, how often they really come.
 
-use super::count::{RateMeter, ReadingPlan, SequenceCount};
 use super::node::{CameraHost, FilledBuffer, is_rate};
 use super::session::Session;
-use super::stamp::{Dated, DriverStamp, Stamps};
 use super::{CaptureFacts, CaptureRequest};
+use crate::source::count::{RateMeter, ReadingPlan, SequenceCount};
+use crate::source::stamp::{Dated, DriverStamp, Stamps};
 use crate::source::{Captured, SourceHealth};
 use crate::time::{MonoNs, SpanNs};
 

@@ -17,7 +17,7 @@
 //! What cannot be is left out first, as a frame that is lost: buffers that were filled before this process was held up are old and right.
 //! Only more of them than there are buffers speak against the clock.
 
-use super::node::StampClock;
+use super::v4l2::StampClock;
 use crate::config::Shutter;
 use crate::time::{MonoNs, SpanNs};
 
@@ -55,6 +55,14 @@ impl StampDoubt {
             Self::Copied => "the driver's stamps are copies of somebody else's",
             Self::NotIncreasing => "the driver's stamps stand still or go back",
             Self::FarOff => "the driver's stamps are more than a second from now: of another clock",
+        }
+    }
+
+    /// The same of a program that gives images.
+    pub(super) fn of_program(self) -> String {
+        match self {
+            Self::UnknownClock => "its images have no stamps".into(),
+            other => other.describe().replace("the driver's", "its"),
         }
     }
 }
