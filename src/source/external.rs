@@ -10,8 +10,8 @@
 //! change, and every number of a header is checked before it is used.
 
 use super::count::{RateMeter, SequenceCount};
-use super::stamp::{Dated, DriverStamp, Stamps};
-use super::v4l2::{SensorArea, StampClock};
+use super::stamp::{Dated, DriverStamp, StampClock, Stamps};
+use super::v4l2::SensorArea;
 use super::{Captured, Filled, FreeRunningSource, SourceError, SourceHealth};
 use crate::config::{self, Shutter};
 use crate::imaging::grey::{PixelFormat, ToGrey};

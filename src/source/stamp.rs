@@ -17,12 +17,24 @@
 //! What cannot be is left out first, as a frame that is lost: buffers that were filled before this process was held up are old and right.
 //! Only more of them than there are buffers speak against the clock.
 
-use super::v4l2::StampClock;
 use crate::config::Shutter;
 use crate::time::{MonoNs, SpanNs};
+use serde::Serialize;
 
 /// Largest distance of a stamp from the arrival of its frame. Chosen by hand: a frame that old is useless, and another clock is off by far more.
 const FARTHEST: SpanNs = SpanNs(1_000_000_000);
+
+/// By what clock a driver stamps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum StampClock {
+    /// `CLOCK_MONOTONIC`.
+    Monotonic,
+    /// Nobody knows.
+    Unknown,
+    /// That of whoever gave the image to an output device.
+    Copied,
+}
 
 /// What a driver says of an image's time, and when it came.
 #[derive(Debug, Clone, Copy)]

@@ -120,7 +120,7 @@ fn another_size_and_a_foreign_clock_are_told() {
 #[test]
 fn death_and_silence_end_a_run() {
     for (behaviour, code, words) in
-        [("exit", 4, "the camera program process ended"), ("silent", 4, "the camera has been stalled")]
+        [("exit", 4, "the camera program process ended"), ("silent", 4, "the camera is stalled")]
     {
         let set = camera(behaviour);
         let mut arguments: Vec<&str> = set.iter().map(String::as_str).collect();

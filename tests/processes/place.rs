@@ -97,6 +97,7 @@ fn what_a_run_file_says_stays() {
     expected.scene.object = new.effective.scene.object.clone();
     expected.servo.desired = new.effective.servo.desired.clone();
     expected.servo.gain_1_s = new.effective.servo.gain_1_s.clone();
+    expected.camera.external.folder = new.effective.camera.external.folder.clone();
     expected.drive.external.folder = new.effective.drive.external.folder.clone();
     assert_eq!(new.effective, expected);
     assert_ne!(new.effective.robot.q_start_rad_or_m, old.effective.robot.q_start_rad_or_m);

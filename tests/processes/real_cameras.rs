@@ -40,7 +40,9 @@ fn asked(arguments: &[&str]) -> (Output, String) {
 #[test]
 fn a_run_file_says_all_of_a_real_camera_and_reads_back() {
     let config = parse(CELL).unwrap();
-    assert!(config.warnings.is_empty(), "{:?}", config.warnings);
+    // Lens and mount are to be calibrated.
+    let keys: Vec<_> = config.warnings.iter().map(|w| w.key.as_str()).collect();
+    assert_eq!(keys, ["camera.lens", "camera.mount"], "{:?}", config.warnings);
     assert!(
         config.scene.is_none() && config.closes_the_loop(),
         "a real one closes the loop without a known truth"
@@ -58,7 +60,7 @@ fn a_run_file_says_all_of_a_real_camera_and_reads_back() {
 fn what_is_wrong_with_its_table_is_told_at_its_key() {
     for (from, to, words) in [
         ("device = 'usb-0000:00:14.0-99'\n", "", "camera.v4l2.device: is missing"),
-        ("'YUYV'", "'RGB3'", "camera.v4l2.format: unknown variant `RGB3`, expected one of `GREY`, `Y10`"),
+        ("'YUYV'", "'H264'", "camera.v4l2.format: unknown variant `H264`, expected one of `GREY`, `Y10`"),
         (
             "gain = 10",
             "gain = 1.5",
@@ -120,7 +122,7 @@ fn looking_at_cameras_ends_with_an_answer() {
         vec!["--probe", "x", "--duration-s", "nan"],
         vec!["--probe", "x", "--size", "640"],
         vec!["--probe", "x", "--rate", "0"],
-        vec!["--probe", "x", "--format", "RGB3"],
+        vec!["--probe", "x", "--format", "H264"],
         vec!["--device", "x"],
     ] {
         let (refused, error) = asked(&[&["camera"], wrong.as_slice()].concat());

@@ -7,7 +7,7 @@ use crate::config::frame_source;
 use crate::config::place::RawMount;
 use crate::config::raw::{MountKind, RawCamera, RawConfig, RawLens, RawRoi};
 use crate::config::stereo::right_mount;
-use crate::config::{Camera, Document};
+use crate::config::{Camera, Document, DriveKind};
 use crate::messages::{CameraId, MAX_CAMERAS};
 use crate::robot::Mount;
 use crate::scene::{FrameSchedule, Irregularity, MAX_SIDE_PX, SceneLook};
@@ -95,7 +95,7 @@ fn camera(
         (text, _) => text,
     };
     if !c.source.is_simulated() && c.source.closes_the_loop() {
-        uncalibrated(c, at, check);
+        uncalibrated((c, raw.drive.kind != DriveKind::None), at, check);
     }
     let response = frame_source::response(&key("response"), text, check);
     let (intrinsics, bends) = lens::believed(at, lens, (width_px, height_px), check);
@@ -139,7 +139,7 @@ fn camera(
 }
 
 /// Tells where a real camera has a lens or a mount that nobody has given: what the default camera has is nobody's.
-fn uncalibrated(c: &RawCamera, at: &str, check: &mut Validation<'_>) {
+fn uncalibrated((c, moves): (&RawCamera, bool), at: &str, check: &mut Validation<'_>) {
     if c.lens == RawLens::default() {
         check.doubtful(
             &format!("{at}.lens"),
@@ -147,7 +147,7 @@ fn uncalibrated(c: &RawCamera, at: &str, check: &mut Validation<'_>) {
              are wrong, and with them every law that needs them",
         );
     }
-    if c.mount == RawMount::default() {
+    if moves && c.mount == RawMount::default() {
         check.doubtful(
             &format!("{at}.mount"),
             "is the default mount, which no real camera has: `vservo calibrate hand-eye` finds this one; until then the arm moves \

@@ -6,7 +6,7 @@ use crate::motion::ObserverSettings;
 use crate::robot::load;
 
 /// What an arm has that its model does not.
-struct Truth {
+struct TrueArm {
     /// Inertia of rotors, in units of each joint's own inertia.
     rotors: f64,
     friction: f64,
@@ -15,8 +15,9 @@ struct Truth {
     delay: usize,
 }
 
-/// Estimate and its standard deviation, the rotors that are believed, and those that are there, after `s` seconds of motion.
-fn found<const N: usize>(name: &str, random: &mut Random, truth: &Truth, s: f64) -> [SVector<f64, N>; 4] {
+/// Estimate and its standard deviation, the rotors that are believed, those that are there, and the diagonal of the model's inertia matrix, after `s`
+/// seconds of motion.
+fn found<const N: usize>(name: &str, random: &mut Random, truth: &TrueArm, s: f64) -> [SVector<f64, N>; 5] {
     let bare: Robot<N> = load(name).unwrap().build().unwrap();
     let q0 = SVector::from_fn(|_, _| random.between(-1.0, 1.0));
     let own = ObserverSettings::free_inertia(&bare, &q0);
@@ -48,7 +49,13 @@ fn found<const N: usize>(name: &str, random: &mut Random, truth: &Truth, s: f64)
         }
     }
     let estimate = SVector::from_fn(|i, _| estimator.joints[i].theta[1]);
-    [estimate, estimator.variance().map(f64::sqrt), *estimator.believed(), rotors]
+    [
+        estimate,
+        estimator.variance().map(f64::sqrt),
+        *estimator.believed(),
+        rotors,
+        bare.mass_matrix(&q0).diagonal(),
+    ]
 }
 
 #[test]
@@ -56,19 +63,20 @@ fn rotors_are_found_whatever_friction_and_delay_are() {
     let random = &mut Random::new(4);
     let (mut squares, mut n) = (0.0, 0.0);
     for _ in 0..40 {
-        let truth = Truth {
+        let truth = TrueArm {
             rotors: random.between(0.5, 3.0),
             friction: random.between(0.0, 2.0),
             masses: 1.0,
             delay: (random.between(0.0, 3.0)) as usize,
         };
-        let [estimate, sd, believed, rotors] = found::<6>("ur5", random, &truth, 1.0);
-        // The wrists' own inertia is within the noise of their torques.
-        for i in 0..3 {
+        let [estimate, sd, believed, rotors, _] = found::<6>("ur5", random, &truth, 1.0);
+        for i in 0..6 {
             squares += ((estimate[i] - rotors[i]) / sd[i]).powi(2);
             n += 1.0;
+            // Less than a hundredth of the effort at 1 rad/s^2 is within the noise of torques.
             let within = 0.6 * rotors[i]..1.15 * rotors[i];
-            assert!(within.contains(&believed[i]), "joint {i}: {believed} of {rotors}");
+            let is_small = rotors[i] < 0.01 * 150.0;
+            assert!(is_small || within.contains(&believed[i]), "joint {i}: {believed} of {rotors}");
         }
     }
     let mean = squares / n;
@@ -76,20 +84,27 @@ fn rotors_are_found_whatever_friction_and_delay_are() {
 }
 
 #[test]
-fn masses_friction_and_delay_are_no_rotors() {
+fn masses_friction_and_delay_are_hardly_rotors() {
     let random = &mut Random::new(5);
     for _ in 0..40 {
-        let truth = Truth {
+        let truth = TrueArm {
             rotors: 0.0,
             friction: random.between(0.0, 2.0),
             masses: random.between(0.8, 1.2),
             delay: (random.between(0.0, 6.0)) as usize,
         };
-        let [.., believed, _] = found::<6>("ur5", random, &truth, 1.0);
-        assert!(believed.amax() == 0.0, "{believed}");
-        let [.., believed, _] = found::<7>("xarm7", random, &truth, 1.0);
-        assert!(believed.amax() == 0.0, "{believed}");
+        // Links that are a fifth heavier may be taken for rotors with as much inertia.
+        for (believed, own) in [of::<6>("ur5", random, &truth), of::<7>("xarm7", random, &truth)] {
+            let share = believed.iter().zip(&own).map(|(r, own)| r / own).fold(0.0, f64::max);
+            assert!(share < 0.3, "{believed:?} of {own:?}");
+        }
     }
+}
+
+/// The rotors that are believed, and the diagonal of the inertia matrix.
+fn of<const N: usize>(name: &str, random: &mut Random, truth: &TrueArm) -> (Vec<f64>, Vec<f64>) {
+    let [.., believed, _, own] = found::<N>(name, random, truth, 1.0);
+    (believed.iter().copied().collect(), own.iter().copied().collect())
 }
 
 #[test]

@@ -70,12 +70,12 @@ fn header(sequence: u64) -> ImageHeader {
     }
 }
 
-struct Bench {
+struct ImageBench {
     script: Rc<RefCell<Script>>,
     camera: ExternalCamera<ScriptedLink>,
 }
 
-impl Bench {
+impl ImageBench {
     fn new(set: &[&str]) -> Self {
         let set: Vec<_> = set.iter().map(ToString::to_string).collect();
         let config = Config::load(None, &[vec!["camera.source=external".into()], set].concat()).unwrap();
@@ -125,7 +125,7 @@ const START: i64 = 1_100 * MS;
 
 #[test]
 fn good_images_come_whole_dated_and_numbered() {
-    let mut bench = Bench::new(&[]);
+    let mut bench = ImageBench::new(&[]);
     bench.gives_good(START, 7, 5);
     let seen = bench.play();
     assert_eq!(seen.iter().map(|(_, level)| *level).collect::<Vec<_>>(), [0, 1, 2, 3, 4]);
@@ -152,7 +152,7 @@ fn a_wrong_first_image_is_an_error_that_says_the_remedy() {
         ),
         (ImageHeader { width_px: u32::MAX, height_px: u32::MAX, ..header(0) }, "camera.width_px"),
     ] {
-        let mut bench = Bench::new(&[]);
+        let mut bench = ImageBench::new(&[]);
         bench.gives(START, change, vec![0; PIXELS]);
         let error = loop {
             match bench.camera.wait(Duration::from_millis(50)) {
@@ -166,7 +166,7 @@ fn a_wrong_first_image_is_an_error_that_says_the_remedy() {
 
 #[test]
 fn a_wrong_image_later_is_lost_and_counted() {
-    let mut bench = Bench::new(&[]);
+    let mut bench = ImageBench::new(&[]);
     let next = bench.gives_good(START, 0, 2);
     bench.gives(next, ImageHeader { width_px: 320, ..header(2) }, vec![0; PIXELS]);
     bench.gives(next + PERIOD, header(3), vec![0; PIXELS - 1]);
@@ -178,7 +178,7 @@ fn a_wrong_image_later_is_lost_and_counted() {
 
 #[test]
 fn gaps_wraps_and_new_beginnings_of_the_count() {
-    let mut bench = Bench::new(&[]);
+    let mut bench = ImageBench::new(&[]);
     for (k, raw) in [u64::from(u32::MAX) - 1, u64::from(u32::MAX), 1 << 32, (1 << 32) + 3, 5, 5, u64::MAX, 0]
         .into_iter()
         .enumerate()
@@ -195,7 +195,7 @@ fn gaps_wraps_and_new_beginnings_of_the_count() {
 
 #[test]
 fn of_several_that_wait_the_newest_counts() {
-    let mut bench = Bench::new(&[]);
+    let mut bench = ImageBench::new(&[]);
     for k in 0..3 {
         bench.gives(
             START,
@@ -209,7 +209,7 @@ fn of_several_that_wait_the_newest_counts() {
 
 #[test]
 fn stamps_a_little_ahead_are_clamped_and_counted() {
-    let mut bench = Bench::new(&[]);
+    let mut bench = ImageBench::new(&[]);
     bench.gives(START, ImageHeader { stamp: MonoNs(START + 5 * MS), ..header(0) }, vec![0; PIXELS]);
     let seen = bench.play();
     assert_eq!(seen[0].0.mid, MonoNs(START), "no image is of the future");
@@ -220,7 +220,7 @@ fn stamps_a_little_ahead_are_clamped_and_counted() {
 #[test]
 fn impossible_stamps_lose_images_then_arrivals_count() {
     for stamp in [|at: i64, _: i64| at + 3_600_000 * MS, |_: i64, first: i64| first] {
-        let mut bench = Bench::new(&[]);
+        let mut bench = ImageBench::new(&[]);
         let first = START - 10 * MS;
         let next = bench.gives_good(START, 0, 1);
         for k in 0..8 {
@@ -241,7 +241,7 @@ fn impossible_stamps_lose_images_then_arrivals_count() {
 
 #[test]
 fn images_without_stamps_are_dated_by_their_arrival() {
-    let mut bench = Bench::new(&[]);
+    let mut bench = ImageBench::new(&[]);
     let image = ScriptedImage(header(0), vec![0; PIXELS]);
     bench.script.borrow_mut().waiting.push_back((START, image));
     assert_eq!(bench.play()[0].0.mid, MonoNs(START));
@@ -250,7 +250,7 @@ fn images_without_stamps_are_dated_by_their_arrival() {
 
 #[test]
 fn silence_and_death_are_told_apart_and_end_with_images() {
-    let mut bench = Bench::new(&[]);
+    let mut bench = ImageBench::new(&[]);
     bench.wait_s(2);
     assert_eq!(bench.camera.health().state, CameraState::Starting, "a program may take its time to begin");
     let now = bench.script.borrow().now;
@@ -270,7 +270,7 @@ fn silence_and_death_are_told_apart_and_end_with_images() {
 
 #[test]
 fn a_program_that_never_comes_is_away_after_three_seconds() {
-    let mut bench = Bench::new(&[]);
+    let mut bench = ImageBench::new(&[]);
     bench.script.borrow_mut().sender = false;
     bench.wait_s(4);
     assert_eq!(bench.camera.health().state, CameraState::Gone);
@@ -281,7 +281,7 @@ fn another_rate_is_measured_and_told() {
     for (rate, off) in
         [("camera.rate_hz=25", false), ("camera.rate_hz=30", true), ("camera.rate_hz=15", true)]
     {
-        let mut bench = Bench::new(&[rate, "safety.measurement_timeout_ms=400"]);
+        let mut bench = ImageBench::new(&[rate, "safety.measurement_timeout_ms=400"]);
         bench.gives_good(START, 0, 60);
         bench.play();
         let health = bench.camera.health();
@@ -294,7 +294,7 @@ fn another_rate_is_measured_and_told() {
 #[test]
 fn the_region_is_cut_out_of_whole_images() {
     let region = "camera.roi={x_px=5,y_px=7,width_px=600,height_px=460}";
-    let mut bench = Bench::new(&[region]);
+    let mut bench = ImageBench::new(&[region]);
     let stride = 640 * 3 + 8;
     let mut bytes = vec![0; stride * 480];
     bytes[7 * stride + 15..7 * stride + 18].copy_from_slice(&[10, 100, 200]);

@@ -7,8 +7,9 @@ use super::controls;
 use super::mapped::Mapped;
 use super::node::{
     BufferFormat, ControlKind, ControlOffer, FilledBuffer, FormatName, FourCc, Interval, NodeInfo, NodeKind,
-    RateOffer, SensorArea, SizeOffer, StampClock, VideoNode, Waited,
+    RateOffer, SensorArea, SizeOffer, VideoNode, Waited,
 };
+use crate::source::stamp::StampClock;
 use crate::time::MonoNs;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fd::OwnedFd;

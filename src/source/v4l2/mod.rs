@@ -35,14 +35,14 @@ mod session;
 mod tests;
 mod track;
 
-pub use crate::source::stamp::StampDoubt;
+pub use crate::source::stamp::{StampClock, StampDoubt};
 pub use camera::V4l2Camera;
 pub use fault::V4l2Error;
 pub use format::{OfferedFormat, OfferedSize, rates_line};
 pub use listing::{ListedNode, OfferedControl, UsualCapture, list, usual};
 pub use node::{
     ControlKind, ControlOffer, FormatName, FourCc, Interval, NodeInfo, NodeKind, RateOffer, SensorArea,
-    SizeOffer, StampClock,
+    SizeOffer,
 };
 pub use probe::{Probe, ProbeReport, SourceCheck, Spread};
 

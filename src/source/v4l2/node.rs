@@ -1,6 +1,7 @@
 //! A video node as everything here sees it: plain values and one trait. `device.rs` is the kernel's; tests put a scripted one in
 //! its place, which unplugs itself, lies and fails as the script says.
 
+use crate::source::stamp::StampClock;
 use rustix::io::Errno;
 use serde::{Serialize, Serializer};
 use std::fmt;
@@ -318,18 +319,6 @@ pub struct SensorArea {
     pub width: u32,
     /// Rows.
     pub height: u32,
-}
-
-/// By what clock a driver stamps.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum StampClock {
-    /// `CLOCK_MONOTONIC`.
-    Monotonic,
-    /// Nobody knows.
-    Unknown,
-    /// That of whoever gave the image to an output device.
-    Copied,
 }
 
 /// A buffer that the driver has filled.

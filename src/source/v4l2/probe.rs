@@ -1,7 +1,8 @@
 //! How well a camera does: rate, jitter of stamps, gaps, latency and cost, from what its source gives; and the table for a run file.
 
-use super::node::{NodeInfo, StampClock};
+use super::node::NodeInfo;
 use super::{CaptureFacts, FourCc, V4l2Camera};
+use crate::source::stamp::StampClock;
 use crate::source::{Captured, Filled, FreeRunningSource, SourceError, SourceHealth};
 use crate::time::{MonoNs, SpanNs};
 use serde::Serialize;

@@ -2,6 +2,7 @@
 //!
 //! It watches what it is told as a driver would: a buffer that is given twice, or taken back without being given, is a failure.
 
+use super::super::StampClock;
 use super::super::V4l2Error;
 use super::super::node::*;
 use crate::time::{MonoNs, SpanNs};
