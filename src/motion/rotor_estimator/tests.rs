@@ -80,7 +80,8 @@ fn rotors_are_found_whatever_friction_and_delay_are() {
         }
     }
     let mean = squares / n;
-    assert!((0.05..1.5).contains(&mean), "the squared errors are {mean} of the stated variances");
+    // Errors are stated as large as models may be wrong; this one is wrong in nothing else.
+    assert!(mean < 1.0, "the squared errors are {mean} of the stated variances");
 }
 
 #[test]
@@ -93,10 +94,10 @@ fn masses_friction_and_delay_are_hardly_rotors() {
             masses: random.between(0.8, 1.2),
             delay: (random.between(0.0, 6.0)) as usize,
         };
-        // Links that are a fifth heavier may be taken for rotors with as much inertia.
+        // Links that are a fifth heavier, moved by commands that are 5 ms late, may be taken for rotors with twice as much inertia, and for no more.
         for (believed, own) in [of::<6>("ur5", random, &truth), of::<7>("xarm7", random, &truth)] {
             let share = believed.iter().zip(&own).map(|(r, own)| r / own).fold(0.0, f64::max);
-            assert!(share < 0.3, "{believed:?} of {own:?}");
+            assert!(share < 0.5, "{believed:?} of {own:?}");
         }
     }
 }
