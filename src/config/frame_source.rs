@@ -280,10 +280,12 @@ pub struct CameraProgram {
     pub give_up: SpanNs,
 }
 
-/// The program of a camera whose table is `at`.
-fn program(raw: &RawCameraProgram, at: &str, check: &mut Validation<'_>) -> CameraProgram {
+/// The program of a camera whose table is `at`; whether it can be started is looked at where it is used.
+fn program(raw: &RawCameraProgram, at: &str, is_used: bool, check: &mut Validation<'_>) -> CameraProgram {
     let key = |name: &str| format!("{at}.external.{name}");
-    check.program(&key("command"), &raw.command, &key("folder"), &raw.folder);
+    if is_used {
+        check.program(&key("command"), &raw.command, &key("folder"), &raw.folder);
+    }
     CameraProgram {
         command: raw.command.clone(),
         folder: raw.folder.clone(),
@@ -366,6 +368,7 @@ pub(super) fn source(
         check.wrong(&key("synthetic.response"), "is what the simulated camera has, and cannot be unknown");
     }
     let v4l2 = v4l2::settings(&c.v4l2, at, c.source == SourceKind::V4l2, check);
+    let program = program(&c.external, at, c.source == SourceKind::External, check);
     match c.source {
         SourceKind::Synthetic => {
             Source::Synthetic { look, sensor, motion_blur: synthetic.motion_blur, response }
@@ -381,6 +384,6 @@ pub(super) fn source(
             Source::Replay { folder: folder.clone(), repeat, strict }
         }
         SourceKind::V4l2 => Source::V4l2(v4l2),
-        SourceKind::External => Source::External(program(&c.external, at, check)),
+        SourceKind::External => Source::External(program),
     }
 }
