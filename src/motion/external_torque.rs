@@ -162,10 +162,9 @@ impl<const N: usize> ExternalTorqueObserver<N> {
             joint.way += (q[i] - q_before[i]).abs();
             joint.is_loose |= (q[i] - *joint.from.get_or_insert(q[i])).abs() > LOOSE;
             joint.held = joint.holds(robot.friction()[i].coulomb);
-            let doubt = doubt[i] + rotors[i] * joint.x[1] * joint.x[1];
-            joint.judge(doubt);
+            joint.judge(doubt[i], rotors[i]);
             if i == turn && self.ticks >= SETTLES {
-                joint.learn(doubt);
+                joint.learn(doubt[i], rotors[i]);
             }
         }
         self.ticks = self.ticks.saturating_add(1);
@@ -218,9 +217,9 @@ impl<const N: usize> ExternalTorqueObserver<N> {
 
 impl JointResidual {
     /// Variance of what the terms do not contain.
-    fn doubt(&self, unknown: f64) -> f64 {
+    fn doubt(&self, payload: f64) -> f64 {
         let coupled = COUPLED * self.effort * self.x[1];
-        unknown + (MODEL * (self.modelled - self.steady)).powi(2) + coupled * coupled
+        payload + (MODEL * (self.modelled - self.steady)).powi(2) + coupled * coupled
     }
 
     /// The torque by which friction may hold the joint, where `coulomb` is that of the model, N m or N.
@@ -230,16 +229,22 @@ impl JointResidual {
         STATIC * coulomb * (1.0 - self.x[2].abs()).max(0.0)
     }
 
-    fn judge(&mut self, unknown: f64) {
-        let (external, variance) = self.model.excess(self.r, &self.x);
-        (self.external, self.variance) = (external, variance + self.doubt(unknown));
+    /// What a rotor may take whose inertia has the variance `rotor`: it resists acceleration. What pushes a joint, or stops it, accelerates it the way that it acts.
+    fn resists(&self, rotor: f64) -> f64 {
+        if self.external * self.x[1] < 0.0 { rotor * self.x[1] * self.x[1] } else { 0.0 }
     }
 
-    fn learn(&mut self, unknown: f64) {
+    fn judge(&mut self, payload: f64, rotor: f64) {
+        let (external, variance) = self.model.excess(self.r, &self.x);
+        self.external = external;
+        self.variance = variance + self.doubt(payload) + self.resists(rotor);
+    }
+
+    fn learn(&mut self, payload: f64, rotor: f64) {
         let drift = DRIFT_PER_RAD.powi(2) * POSTURE * self.way
             + DRIFT_1_S.powi(2) * f64::from(LEARNS_EVERY) * TICK.as_s();
         self.way = 0.0;
-        let doubt = self.doubt(unknown) + self.held * self.held;
+        let doubt = self.doubt(payload) + self.resists(rotor) + self.held * self.held;
         let least = (LEAST_NOISE * self.effort).powi(2) + self.hidden;
         self.model.take(self.r, &self.x, doubt, least, drift * self.effort * self.effort);
     }

@@ -135,7 +135,7 @@ fn what_prevents_it_is_told() {
         ("run.duration_s=3.0", "run.duration_s is over before the calibration motion was", 5),
         ("camera.synthetic.stamp_error_ms=400", "no offset within 250 ms explains the image", 5),
         ("camera.rate_hz=1", "frames showed the target, 12 are needed", 5),
-        ("drive.simulated.payload_kg=400", "a joint is farther from its reference", 4),
+        ("drive.simulated.payload_kg=400", "something touches the arm", 4),
         ("scene.plate_level=31", "run.duration_s is over: the target was never seen", 5),
     ] {
         let folder = tempfile::tempdir().unwrap();

@@ -95,10 +95,15 @@ impl<const N: usize> ContactWatch<N> {
         {
             observer.add_rotors(&change);
         }
-        let did = did.filter(|_| !std::mem::take(&mut self.is_late));
+        let was_late = std::mem::take(&mut self.is_late);
+        let did = did.filter(|_| !was_late);
         let before = std::mem::replace(&mut self.at, did.map(|_| now));
-        if before.is_some_and(|before| now - before > TICK) {
+        let has_gap = before.is_some_and(|before| now - before > TICK);
+        if has_gap {
             self.forget_state();
+        }
+        if has_gap || was_late {
+            joint_control.skip_window();
         }
         match (&mut self.observer, did) {
             (Observer::Torque(observer), Some((state, command))) => {

@@ -57,6 +57,12 @@ impl<const N: usize> JointController<N> {
         self.rotors.as_ref().map(|rotors| rotors.believed()).filter(|rotors| rotors.amax() > 0.0)
     }
 
+    /// The last motion took another time than a tick: what payload and rotors were to be estimated from meanwhile is left out.
+    pub fn skip_window(&mut self) {
+        self.payload.iter_mut().for_each(|payload| payload.skip());
+        self.rotors.iter_mut().for_each(|rotors| rotors.skip());
+    }
+
     /// The variances of the inertia of rotors, (kg m^2)^2 or kg^2.
     #[must_use]
     pub fn rotor_doubt(&self) -> SVector<f64, N> {

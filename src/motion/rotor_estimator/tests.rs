@@ -15,9 +15,19 @@ struct TrueArm {
     delay: usize,
 }
 
-/// Estimate and its standard deviation, the rotors that are believed, those that are there, and the diagonal of the model's inertia matrix, after `s`
-/// seconds of motion.
 fn found<const N: usize>(name: &str, random: &mut Random, truth: &TrueArm, s: f64) -> [SVector<f64, N>; 5] {
+    found_in(name, random, truth, (s * 1e3) as usize, |k| (k, false))
+}
+
+/// Estimate and its standard deviation, the rotors that are believed, those that are there, and the diagonal of the model's inertia matrix, after `ticks`
+/// ticks of control: `at` tells for each the millisecond at which it is, and whether the estimator hears that one was missed.
+fn found_in<const N: usize>(
+    name: &str,
+    random: &mut Random,
+    truth: &TrueArm,
+    ticks: usize,
+    at: impl Fn(usize) -> (usize, bool),
+) -> [SVector<f64, N>; 5] {
     let bare: Robot<N> = load(name).unwrap().build().unwrap();
     let q0 = SVector::from_fn(|_, _| random.between(-1.0, 1.0));
     let own = ObserverSettings::free_inertia(&bare, &q0);
@@ -38,7 +48,7 @@ fn found<const N: usize>(name: &str, random: &mut Random, truth: &TrueArm, s: f6
         arm.inverse_dynamics(&q, &qd, &qdd) + arm.friction_torque(&qd)
     };
     let mut estimator = RotorEstimator::new(&bare, &own);
-    for k in 0..(s * 1e3) as usize {
+    for (k, is_told) in (0..ticks).map(at) {
         let noise = SVector::from_fn(|i, _| 1e-3 * bare.limits()[i].effort * random.gaussian());
         let tau = acts(k + truth.delay) + noise;
         let robot = bare.clone().with_armature(estimator.believed());
@@ -46,6 +56,9 @@ fn found<const N: usize>(name: &str, random: &mut Random, truth: &TrueArm, s: f6
         let q = motion((k as f64 + 1.0) * 1e-3)[0];
         if estimator.note(&robot, &tau, &q, (&inertia, &SVector::zeros())) {
             estimator.adopt();
+        }
+        if is_told {
+            estimator.skip();
         }
     }
     let estimate = SVector::from_fn(|i, _| estimator.joints[i].theta[1]);
@@ -106,6 +119,20 @@ fn masses_friction_and_delay_are_hardly_rotors() {
 fn of<const N: usize>(name: &str, random: &mut Random, truth: &TrueArm) -> (Vec<f64>, Vec<f64>) {
     let [.., believed, _, own] = found::<N>(name, random, truth, 1.0);
     (believed.iter().copied().collect(), own.iter().copied().collect())
+}
+
+/// Of every 93 ticks twelve are missed, in which the arm moves on.
+#[test]
+fn what_happens_over_missed_ticks_is_left_out() {
+    let truth = TrueArm { rotors: 1.0, friction: 1.0, masses: 1.0, delay: 0 };
+    let share = |told: bool| {
+        let at = |k: usize| (k + 12 * (k / 81), told && k > 0 && k.is_multiple_of(81));
+        let [.., believed, rotors, _] = found_in::<6>("ur5", &mut Random::new(6), &truth, 2000, at);
+        believed[0] / rotors[0]
+    };
+    let (told, untold) = (share(true), share(false));
+    assert!((0.8..1.05).contains(&told), "{told}");
+    assert!(!(0.8..1.05).contains(&untold), "the gaps do harm where they are not left out: {untold}");
 }
 
 #[test]
