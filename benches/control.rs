@@ -12,7 +12,7 @@ use vservo::control::lifecycle::Request;
 use vservo::control::safety::MeasurementWatch;
 use vservo::drive::{CommandMode, DriveState};
 use vservo::geometry::Pose;
-use vservo::messages::Measurement;
+use vservo::messages::{MAX_JOINTS, Measurement};
 use vservo::motion::{
     InverseDynamicsControl, JointController, JointLaw, MotionLimits, ObserverSettings, Reference,
     damp_singularity,
@@ -100,6 +100,7 @@ impl<const N: usize> Running<N> {
             margin_px: 10.0,
             mark_radius_m: 0.015,
             rate_1_s: 5.0,
+            acceleration: [10.0; MAX_JOINTS],
         };
         let servo = ServoSettings { visibility: Some(guard), ..ServoSettings::new(law, update, mount) };
         let servo = VisualServo::new(servo, set_point);

@@ -4,10 +4,11 @@ use super::Camera;
 use super::check::Validation;
 use super::gains::{GAIN_1_S, law};
 use super::goal_path::path;
-use super::raw::{Depth, DriveKind, RawConfig, RawServo, SceneMotionKind, SchemeKind, SetPointKind};
+use super::raw::{Depth, DriveKind, Gains, RawConfig, RawServo, SceneMotionKind, SchemeKind, SetPointKind};
 use super::selection::selection;
 use crate::drive::CommandMode;
 use crate::geometry::Pose;
+use crate::messages::MAX_JOINTS;
 use crate::servo::{
     Law, ObjectDynamics, OperationalSpace, Selection, ServoSettings, SetPoint, UpdatePolicy, VisibilityGuard,
 };
@@ -139,6 +140,7 @@ fn visibility(
         margin_px,
         mark_radius_m: target.discs().iter().map(|disc| disc.radius_m).fold(0.0, f64::max),
         rate_1_s,
+        acceleration: [f64::INFINITY; MAX_JOINTS], // the arm is validated later
     };
     s.visibility.guard.then_some(guard)
 }
@@ -162,6 +164,34 @@ fn object(s: &RawServo, check: &mut Validation<'_>) -> Option<ObjectDynamics> {
         check.wrong("servo.object.moves", "needs servo.update = \"predict\": the others do not look ahead");
     }
     s.object.moves.then_some(dynamics)
+}
+
+/// Product of a held law's gain and the age of its views above which it is doubtful. `e' = -k e(t - d)` is unstable from `k d = pi / 2` on and overshoots by about
+/// half at 1 (integrated with the method of steps).
+const HELD_GAIN: f64 = 1.0;
+
+/// Warns of a gain that is too high for a law that is not computed for the view of now.
+pub(super) fn doubtful_held_gain(
+    servo: &ServoSettings,
+    s: &RawServo,
+    camera: &Camera,
+    check: &mut Validation<'_>,
+) {
+    let (Gains::One(gain_1_s), false, false) =
+        (&s.gain_1_s, servo.update == UpdatePolicy::Predict, servo.law.is_torque())
+    else {
+        return;
+    };
+    let age_s = camera.latency.as_s() + 0.5 / camera.rate_hz;
+    if gain_1_s * age_s > HELD_GAIN {
+        let message = format!(
+            "{gain_1_s} 1/s is too much for views that are {:.0} ms old in the mean, as they are where servo.update is not predict: the arm \
+             overshoots or swings; take servo.update = \"predict\", or a gain of {:.2} 1/s",
+            age_s * 1e3,
+            0.4 / age_s
+        );
+        check.doubtful("servo.gain_1_s", message);
+    }
 }
 
 /// Warns of a pose in six numbers that an arm of fewer joints is to reach: what is wrong with its measured tilt, which the arm cannot follow, the law takes for

@@ -13,7 +13,7 @@ use super::raw::{
     SetPointKind, Task,
 };
 use super::selection::doubtful_features;
-use super::servo::{doubtful_dimension, servo};
+use super::servo::{doubtful_dimension, doubtful_held_gain, servo};
 use super::stereo::stereo;
 use super::target::target;
 use super::{Camera, Config, Document, GoalTolerance, Problem, Realtime, RealtimeRequest, Safety, Start};
@@ -187,14 +187,20 @@ pub(super) fn validate(
             start::view(&raw, robot, (camera, scene), views, check);
         }
         timing(&raw, camera, check);
+        if let Some((servo, _)) = &servo {
+            doubtful_held_gain(servo, &raw.servo, camera, check);
+        }
     }
 
     let (servo, set_point) = servo?;
-    let servo = ServoSettings {
+    let mut servo = ServoSettings {
         X_WO: scene.as_ref().map(|scene| scene.X_WO),
         watches_drift: motion.encoder_step.iter().any(|step| *step > 0.0),
         ..servo
     };
+    if let Some(guard) = &mut servo.visibility {
+        guard.acceleration.iter_mut().zip(&motion.max_acceleration).for_each(|(own, limit)| *own = *limit);
+    }
     Some(Config {
         task: raw.run.task,
         clock: raw.run.clock,

@@ -14,6 +14,7 @@ use super::{ExperimentError, Options};
 use crate::camera_model::CameraModel;
 use crate::geometry::{Pose, Twist, integrate_body_twist, rotation_angle};
 use crate::linalg::Random;
+use crate::messages::MAX_JOINTS;
 use crate::pose::{Correspondence, planar_pose};
 use crate::robot::CameraJacobian;
 use crate::servo::{
@@ -183,7 +184,13 @@ fn law(flier: &Flier) -> Law {
 
 /// The guard of the fliers: points have no size here.
 fn guard(camera: &CameraModel) -> VisibilityGuard {
-    VisibilityGuard { camera: *camera, margin_px: 10.0, mark_radius_m: 0.0, rate_1_s: 4.0 }
+    VisibilityGuard {
+        camera: *camera,
+        margin_px: 10.0,
+        mark_radius_m: 0.0,
+        rate_1_s: 4.0,
+        acceleration: [f64::INFINITY; MAX_JOINTS],
+    }
 }
 
 fn in_view(camera: &CameraModel, X_CO: &Pose) -> bool {

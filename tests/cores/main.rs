@@ -31,6 +31,7 @@ mod pnp_accuracy;
 mod points_in_space;
 mod pose_methods;
 mod position_laws_on_arms;
+mod random_starts;
 #[path = "../chessboard/render.rs"]
 mod render;
 #[path = "../rendered/mod.rs"]

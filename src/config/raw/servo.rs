@@ -171,7 +171,7 @@ table! {
         /// That depth, m, where it is constant.
         constant_depth_m: f64 = 0.6,
         /// Features of the interaction matrix.
-        interaction: InteractionAt = InteractionAt::Current,
+        interaction: InteractionAt = InteractionAt::Mean,
         /// Orientation error of A, B and hybrid.
         orientation_error: OrientationError = OrientationError::EulerZyx,
         /// Points of the target that the law compares, from 1; all when neither points nor segments nor an area are named.
