@@ -21,6 +21,8 @@ mod report_folder;
 #[cfg(feature = "cli")]
 mod report_images;
 #[cfg(feature = "cli")]
+mod run_place;
+#[cfg(feature = "cli")]
 pub mod run_report;
 #[cfg(feature = "cli")]
 mod seeing;
