@@ -393,6 +393,20 @@ pub struct TargetArguments {
     /// File to write: .svg, .pdf or .png
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
+    /// In the middle of this paper, refused where it does not fit; a sheet as large as the target where it is left out
+    #[arg(long)]
+    pub paper: Option<PaperArgument>,
+}
+
+/// Papers of printers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum PaperArgument {
+    /// 210 x 297 mm
+    A4,
+    /// 8.5 x 11 inches
+    Letter,
+    /// 297 x 420 mm
+    A3,
 }
 
 /// Arguments of `vservo teach`.

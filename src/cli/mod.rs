@@ -31,8 +31,8 @@ mod view;
 
 pub use arguments::{
     Calibration, CameraArgument, CameraArguments, CellArguments, Cli, Command, DetectArguments, DoArguments,
-    ExperimentArguments, HandEyeArguments, LatencyArguments, LogArguments, RoleArguments, RoleCli,
-    RunArguments, ServeArguments, TargetArguments, TeachArguments, TeachViewArguments,
+    ExperimentArguments, HandEyeArguments, LatencyArguments, LogArguments, PaperArgument, RoleArguments,
+    RoleCli, RunArguments, ServeArguments, TargetArguments, TeachArguments, TeachViewArguments,
 };
 pub use calibrate_arguments::{
     BoardArguments, CalibrateCameraArguments, CalibrateStereoArguments, LensModelArgument, OddCoefficients,
@@ -89,7 +89,7 @@ pub fn main() -> ExitCode {
             };
             run(&arguments.cell, ["run.serve=true".to_owned()], results, false)
         }
-        Some(Command::Do(arguments)) => do_program::do_program(&arguments),
+        Some(Command::Do(arguments)) => do_program::do_program(&arguments.program, &arguments.instance),
         Some(Command::Ctl(arguments)) => ctl::ctl(&arguments),
         Some(Command::Camera(arguments)) => match camera::look(&arguments) {
             Some(result) => result,

@@ -14,6 +14,8 @@ mod output;
 mod prefault;
 #[cfg(feature = "cli")]
 mod scheduling;
+#[cfg(feature = "cli")]
+mod service_manager;
 mod write_file;
 
 pub use clock::{now, sleep_until, unix_origin};
@@ -32,4 +34,6 @@ pub use scheduling::{
     Awake, Obtained, SchedulingError, USUAL_SPIN, prepare_process, prepare_thread, spin_before_deadlines,
     why_not_on,
 };
+#[cfg(feature = "cli")]
+pub use service_manager::tell_service_manager;
 pub use write_file::{IsRead, check_writable, write_file};
