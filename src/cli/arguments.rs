@@ -7,6 +7,7 @@ pub use super::camera_arguments::CameraArguments;
 use super::ctl_arguments::CtlArguments;
 use super::explain::{ExplainArguments, ReportArguments};
 use super::place_arguments::{PlaceArguments, ViewArguments};
+use super::target::PaperArgument;
 use super::tool_arguments::{PoseArguments, ProcessArguments, StereoCommand};
 use super::tune::TuneArguments;
 use super::{completion, record::RecordArguments, replay::ReplayArguments};
@@ -396,17 +397,6 @@ pub struct TargetArguments {
     /// In the middle of this paper, refused where it does not fit; a sheet as large as the target where it is left out
     #[arg(long)]
     pub paper: Option<PaperArgument>,
-}
-
-/// Papers of printers.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum PaperArgument {
-    /// 210 x 297 mm
-    A4,
-    /// 8.5 x 11 inches
-    Letter,
-    /// 297 x 420 mm
-    A3,
 }
 
 /// Arguments of `vservo teach`.

@@ -31,8 +31,8 @@ mod view;
 
 pub use arguments::{
     Calibration, CameraArgument, CameraArguments, CellArguments, Cli, Command, DetectArguments, DoArguments,
-    ExperimentArguments, HandEyeArguments, LatencyArguments, LogArguments, PaperArgument, RoleArguments,
-    RoleCli, RunArguments, ServeArguments, TargetArguments, TeachArguments, TeachViewArguments,
+    ExperimentArguments, HandEyeArguments, LatencyArguments, LogArguments, RoleArguments, RoleCli,
+    RunArguments, ServeArguments, TargetArguments, TeachArguments, TeachViewArguments,
 };
 pub use calibrate_arguments::{
     BoardArguments, CalibrateCameraArguments, CalibrateStereoArguments, LensModelArgument, OddCoefficients,
@@ -43,6 +43,7 @@ pub use explain::{ExplainArguments, ReportArguments};
 pub use place_arguments::{LookArgument, PlaceArguments, ViewArguments};
 pub use record::RecordArguments;
 pub use replay::ReplayArguments;
+pub use target::PaperArgument;
 pub use tool_arguments::{
     MotionMethod, PoseArguments, PoseMethod, ProcessArguments, StereoCommand, StereoMatchArguments,
     StereoMotionArguments, StereoRectifyArguments, StereoTriangulateArguments, TriangulationMethod,

@@ -1,11 +1,23 @@
 //! `vservo target`: a target to print, in true size.
 
-use super::{PaperArgument, TargetArguments, check_writable, shown, write_result};
+use super::{TargetArguments, check_writable, shown, write_result};
 use crate::input::printable;
 use crate::print::{Format, Paper, describe, paper_in_words, print};
 use crate::process::ProcessError;
 use crate::rt::tell;
 use crate::target::Kind;
+use clap::ValueEnum;
+
+/// Papers of printers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum PaperArgument {
+    /// 210 x 297 mm
+    A4,
+    /// 8.5 x 11 inches
+    Letter,
+    /// 297 x 420 mm
+    A3,
+}
 
 impl PaperArgument {
     fn paper(self) -> Paper {

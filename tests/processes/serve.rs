@@ -217,7 +217,7 @@ fn nobody_there_is_told_and_leaves_nothing() {
 }
 
 #[test]
-fn the_service_manager_hears_when_control_ticks_and_when_it_ends() {
+fn the_service_manager_hears_that_control_ticks_and_ends() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("notify");
     let socket = std::os::unix::net::UnixDatagram::bind(&path).unwrap();
