@@ -5,8 +5,8 @@
 //! process) turn that into a command, and `drive` takes it. ARCHITECTURE.md tells more.
 
 //!
-//! The cores are there without the programs: `vservo = { version = "0.1", default-features = false }` builds no transport, no command
-//! line and no plots. [`prelude`] has what most uses need.
+//! The cores are there without the programs: with `default-features = false` the crate has no transport, no command
+//! line and no plots; with the feature `client` it has the client of a running instance too. [`prelude`] has what most uses need.
 
 #![allow(non_snake_case)] // monogram notation, see `geometry`
 
@@ -43,21 +43,21 @@ pub mod vision;
 // Above: pure. Below: the operating system, and what programs alone need.
 #[cfg(feature = "cli")]
 pub mod cli;
-#[cfg(feature = "cli")]
+#[cfg(feature = "client")]
 pub mod client;
 #[cfg(feature = "cli")]
 pub mod experiment;
-#[cfg(feature = "cli")]
+#[cfg(feature = "client")]
 pub mod ipc;
 #[cfg(feature = "cli")]
 pub mod print;
-#[cfg(feature = "cli")]
+#[cfg(feature = "client")]
 pub mod process;
 #[cfg(feature = "cli")]
 pub mod record;
 #[cfg(feature = "cli")]
 pub mod replay;
-#[cfg(feature = "cli")]
+#[cfg(feature = "client")]
 pub mod rt;
 #[cfg(feature = "cli")]
 pub mod source;

@@ -7,6 +7,7 @@ pub use super::camera_arguments::CameraArguments;
 use super::ctl_arguments::CtlArguments;
 use super::explain::{ExplainArguments, ReportArguments};
 use super::place_arguments::{PlaceArguments, ViewArguments};
+use super::target::PaperArgument;
 use super::tool_arguments::{PoseArguments, ProcessArguments, StereoCommand};
 use super::tune::TuneArguments;
 use super::{completion, record::RecordArguments, replay::ReplayArguments};
@@ -393,6 +394,9 @@ pub struct TargetArguments {
     /// File to write: .svg, .pdf or .png
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
+    /// In the middle of this paper, refused where it does not fit; a sheet as large as the target where it is left out
+    #[arg(long)]
+    pub paper: Option<PaperArgument>,
 }
 
 /// Arguments of `vservo teach`.

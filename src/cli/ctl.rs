@@ -1,6 +1,7 @@
 //! `vservo ctl`: one request to a running instance, and its answer.
 
 use super::ctl_arguments::{CtlArguments, CtlCommand, FixedNumbers, NumberList, SettingArgument};
+use super::do_program::do_program;
 use super::{check_writable, json, shown, write_result};
 use crate::client::{Client, RunAnswer, Setting, USUAL_WAIT_S, WaitEnd, WaitFor};
 use crate::control::outcome::Outcome;
@@ -22,6 +23,9 @@ pub(super) fn ctl(arguments: &CtlArguments) -> Result<u8, ProcessError> {
     if let Some(timeout_s) = common.timeout_s {
         Client::check_timeout_s(timeout_s)?;
     }
+    if let CtlCommand::Run { program } = &arguments.what {
+        return do_program(program, &common.instance);
+    }
     let client = Client::connect(&common.instance)?.interrupted_by(StopFlag::on_signals()?);
     if let CtlCommand::Wait { what } = &arguments.what {
         let end = client.wait(*what, common.timeout_s.unwrap_or(USUAL_WAIT_S))?;
@@ -32,7 +36,7 @@ pub(super) fn ctl(arguments: &CtlArguments) -> Result<u8, ProcessError> {
         None => client,
     };
     let answer = match &arguments.what {
-        CtlCommand::Status | CtlCommand::Wait { .. } => client.status(),
+        CtlCommand::Status | CtlCommand::Wait { .. } | CtlCommand::Run { .. } => client.status(),
         CtlCommand::Start => client.start(),
         CtlCommand::Hold => client.hold(),
         CtlCommand::Teach { save: None } => client.teach(),

@@ -107,6 +107,11 @@ pub enum CtlCommand {
     Stop,
     /// Stop, and end the run
     Shutdown,
+    /// Do the steps of a program (TOML), as `vservo do`
+    Run {
+        /// Program; `--timeout-s` is that of each answer: steps have their own
+        program: PathBuf,
+    },
     /// Wait until the goal is reached and held, the view is lost, there is a fault, or control is in a state: exit code 0; 5 when the time
     /// is over, or when it ends otherwise, with what is there instead
     Wait {

@@ -161,8 +161,8 @@ fn vision_settings() -> VisionSettings {
 }
 
 fn seen(vision: &mut Vision, image: &ImageView<'_>, calibrated: bool) -> Result<DetectedImage, Missed> {
-    let still = if calibrated { vision.process_image(image)? } else { vision.points_of(image)? };
-    Ok(DetectedImage {
+    let still = if calibrated { vision.process_image(image) } else { vision.points_of(image) };
+    let detected = still.map(|still| DetectedImage {
         found: still.found.to_vec(),
         px: still.px.to_vec(),
         pose: still.pose.copied(),
@@ -173,7 +173,8 @@ fn seen(vision: &mut Vision, image: &ImageView<'_>, calibrated: bool) -> Result<
         note: None,
         harmed: still.harmed.to_vec(),
         growth: still.growth,
-    })
+    });
+    detected.map_err(|status| Missed(status, vision.missed_in_words(status)))
 }
 
 /// The corners of a tag, numbered as if the tags of the family were listed by their ids.

@@ -1,17 +1,17 @@
-//! `vservo do`: a running instance does the steps of a program.
+//! `vservo do`, and `vservo ctl run`: a running instance does the steps of a program.
 
-use super::arguments::DoArguments;
 use crate::client::{Client, ProgramOutcome};
 use crate::config::Program;
 use crate::control::outcome::{Outcome, STOPPED};
 use crate::input::printable;
 use crate::process::{ProcessError, StopFlag};
 use crate::rt::tell;
+use std::path::Path;
 
 /// Reads all of the program, then does it. The exit code: 0 done, 4 a fault, 5 a step failed, 6 stopped.
-pub(super) fn do_program(arguments: &DoArguments) -> Result<u8, ProcessError> {
-    let program = Program::load(&arguments.program)?;
-    let client = Client::connect(&arguments.instance)?.interrupted_by(StopFlag::on_signals()?);
+pub(super) fn do_program(program: &Path, instance: &str) -> Result<u8, ProcessError> {
+    let program = Program::load(program)?;
+    let client = Client::connect(instance)?.interrupted_by(StopFlag::on_signals()?);
     let end = client.run_program(&program, &mut |line| tell(format_args!("{}", printable(line))))?;
     let (code, word) = match end.outcome {
         ProgramOutcome::Done => (0, "done"),

@@ -43,6 +43,7 @@ pub use explain::{ExplainArguments, ReportArguments};
 pub use place_arguments::{LookArgument, PlaceArguments, ViewArguments};
 pub use record::RecordArguments;
 pub use replay::ReplayArguments;
+pub use target::PaperArgument;
 pub use tool_arguments::{
     MotionMethod, PoseArguments, PoseMethod, ProcessArguments, StereoCommand, StereoMatchArguments,
     StereoMotionArguments, StereoRectifyArguments, StereoTriangulateArguments, TriangulationMethod,
@@ -89,7 +90,7 @@ pub fn main() -> ExitCode {
             };
             run(&arguments.cell, ["run.serve=true".to_owned()], results, false)
         }
-        Some(Command::Do(arguments)) => do_program::do_program(&arguments),
+        Some(Command::Do(arguments)) => do_program::do_program(&arguments.program, &arguments.instance),
         Some(Command::Ctl(arguments)) => ctl::ctl(&arguments),
         Some(Command::Camera(arguments)) => match camera::look(&arguments) {
             Some(result) => result,

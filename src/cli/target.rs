@@ -2,10 +2,32 @@
 
 use super::{TargetArguments, check_writable, shown, write_result};
 use crate::input::printable;
-use crate::print::{Format, describe, print};
+use crate::print::{Format, Paper, describe, paper_in_words, print};
 use crate::process::ProcessError;
 use crate::rt::tell;
 use crate::target::Kind;
+use clap::ValueEnum;
+
+/// Papers of printers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum PaperArgument {
+    /// 210 x 297 mm
+    A4,
+    /// 8.5 x 11 inches
+    Letter,
+    /// 297 x 420 mm
+    A3,
+}
+
+impl PaperArgument {
+    fn paper(self) -> Paper {
+        match self {
+            Self::A4 => Paper::A4,
+            Self::Letter => Paper::Letter,
+            Self::A3 => Paper::A3,
+        }
+    }
+}
 
 pub(super) fn target(arguments: &TargetArguments) -> Result<u8, ProcessError> {
     let refused = |message: &str| {
@@ -20,7 +42,7 @@ pub(super) fn target(arguments: &TargetArguments) -> Result<u8, ProcessError> {
     let Some(format) = Format::of_extension(extension) else {
         return refused("--out: the name must end in .svg, .pdf or .png");
     };
-    let bytes = match print(&kind.target, format) {
+    let bytes = match print(&kind.target, format, arguments.paper.map(PaperArgument::paper)) {
         Ok(bytes) => bytes,
         Err(e) => return refused(&e.to_string()),
     };
@@ -30,9 +52,13 @@ pub(super) fn target(arguments: &TargetArguments) -> Result<u8, ProcessError> {
         return Ok(code);
     }
     let line = format!(
-        "{}: {}; print it at 100 % and check the bar with a ruler\n",
+        "{}: {}; {}; print it at 100 % and check the bar with a ruler\n",
         printable(&arguments.out.display().to_string()),
-        describe(&kind.target)
+        describe(&kind.target),
+        match arguments.paper.map(PaperArgument::paper) {
+            Some(paper) => format!("on {}", paper.as_str()),
+            None => paper_in_words(&kind.target),
+        }
     );
     Ok(shown(&line, 0))
 }

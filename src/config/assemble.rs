@@ -346,6 +346,7 @@ pub fn control_loop_with<const N: usize>(
         f_px: Vector2::new(i.fx_px, i.fy_px),
         path: config.servo.path.clone(),
         law: config.servo.law.clone(),
+        points: config.target.point_kind(),
         stability: f64::NAN,
     };
     let goal = Goal {

@@ -107,6 +107,15 @@ impl Finder {
         }
     }
 
+    /// What `status` does not tell of the last frame: which tags it showed, and which are looked for.
+    #[must_use]
+    pub fn missed_in_words(&self, status: TargetStatus) -> Option<String> {
+        match self {
+            Self::Tags(finder) if status == TargetStatus::OtherTags => Some(finder.seen_in_words()),
+            _ => None,
+        }
+    }
+
     /// All tags of the last frame, also those that do not belong to the target; empty for other kinds of targets.
     #[must_use]
     pub fn tags(&self) -> &[TagDetection] {

@@ -45,6 +45,8 @@ pub enum TargetStatus {
     TooFewShared = 8,
     /// The frame contains more candidates for parts of the target than one search examines.
     GivenUp = 9,
+    /// Tags were read, but none that belongs to the target.
+    OtherTags = 10,
 }
 
 impl TargetStatus {
@@ -62,6 +64,7 @@ impl TargetStatus {
             7 => Self::NoPair,
             8 => Self::TooFewShared,
             9 => Self::GivenUp,
+            10 => Self::OtherTags,
             _ => Self::NoMatch,
         }
     }
@@ -82,6 +85,7 @@ impl TargetStatus {
             Self::NoPair => "no frame of the other camera at this instant",
             Self::TooFewShared => "fewer than three taught points in both images",
             Self::GivenUp => "the search was given up: too much in the frame looks like a part of the target",
+            Self::OtherTags => "tags of other ids than the target's",
         }
     }
 }

@@ -105,7 +105,7 @@ fn a_record_comes_back_from_its_bytes_to_the_bit() {
 fn codes_survive_the_message() {
     for code in 0..14 {
         let status = TargetStatus::from_code(code);
-        assert!(status as u32 == code || (status == TargetStatus::NoMatch && code > 8));
+        assert!(status as u32 == code || (status == TargetStatus::NoMatch && code > 10));
         let state = ControlState::from_code(code);
         assert!(state as u32 == code || (state == ControlState::Fault && code > 11));
     }

@@ -379,7 +379,9 @@ impl<const N: usize> Mission<N> {
         let in_view = self.measurements.last().is_some_and(Measurement::found);
         let when_late = self.task.when_late(in_view).or_else(|| stays().filter(|_| servoing));
         let (closed_loop, state) = (self.plan.closed_loop, self.state);
-        time_is_up.then(|| run_end::time_is_up(closed_loop, state, when_late, &self.measurements))
+        time_is_up.then(|| {
+            run_end::time_is_up(closed_loop, state, when_late, (&self.measurements, self.plan.points))
+        })
     }
 
     /// Tells the status of what is known of the law's stability: [`Status::stability`](crate::messages::Status::stability).

@@ -1,6 +1,7 @@
 //! What a run is to do: who begins it, its goal, and when it ends.
 
 use crate::servo::{GoalPath, Law, SetPoint};
+use crate::target::PointKind;
 use crate::time::SpanNs;
 use nalgebra::Vector2;
 
@@ -46,6 +47,8 @@ pub struct RunPlan {
     pub path: Option<GoalPath>,
     /// The law, by which an error that stays is judged.
     pub law: Law,
+    /// What the points of the target are, for words.
+    pub points: PointKind,
     /// What a status tells as [`Status::stability`](crate::messages::Status::stability).
     pub stability: f64,
 }

@@ -4,6 +4,7 @@
 use super::measurement_log::MeasurementLog;
 use crate::control::outcome::{Finish, Outcome};
 use crate::messages::{ControlState, TargetStatus};
+use crate::target::PointKind;
 
 /// The end that was decided.
 #[derive(Debug, Clone, Default)]
@@ -31,19 +32,31 @@ pub(crate) fn time_is_up(
     closed_loop: bool,
     state: ControlState,
     when_late: Option<&'static str>,
-    measurements: &MeasurementLog,
+    (measurements, points): (&MeasurementLog, PointKind),
 ) -> Finish {
     if !closed_loop {
         return Finish { outcome: Outcome::Finished, reason: "run.duration_s is over" };
     }
-    let reason = when_late.unwrap_or_else(|| why_late(state, measurements));
+    let reason = when_late.unwrap_or_else(|| why_late(state, measurements, points));
     Finish { outcome: Outcome::NotConverged, reason }
 }
 
 const NO_PAIR: &str = "run.duration_s is over: frames of the two cameras do not pair; see to both cameras and their trigger, or set \
                        cameras[1].stamp_offset_ms and stereo.pair_tolerance_ms";
 
-fn why_late(state: ControlState, measurements: &MeasurementLog) -> &'static str {
+/// The same words for each kind of target: what comes before its points, and after.
+macro_rules! of_points {
+    ($points:expr, $before:literal, $after:literal) => {
+        match $points {
+            PointKind::Dots => concat!($before, "the target's dots", $after),
+            PointKind::BoardCorners => concat!($before, "the chessboard's corners", $after),
+            PointKind::TagCorners => concat!($before, "the tag's corners", $after),
+            PointKind::Outline => concat!($before, "the outline's points", $after),
+        }
+    };
+}
+
+fn why_late(state: ControlState, measurements: &MeasurementLog, points: PointKind) -> &'static str {
     match (state, measurements.last()) {
         (_, None) => "run.duration_s is over: no measurement ever came",
         (ControlState::Waiting, Some(m)) => match m.target_status() {
@@ -51,11 +64,23 @@ fn why_late(state: ControlState, measurements: &MeasurementLog) -> &'static str 
             TargetStatus::TooFewRegions => {
                 "run.duration_s is over: the target was never seen, too few dark regions"
             }
-            TargetStatus::Ambiguous => "run.duration_s is over: the target's dots could not be told apart",
+            TargetStatus::Ambiguous if points == PointKind::TagCorners => {
+                "run.duration_s is over: the target's tags are in view more than once each; cover the others, or print tags of other ids"
+            }
+            TargetStatus::Ambiguous => {
+                of_points!(points, "run.duration_s is over: ", " could not be told apart")
+            }
+            TargetStatus::OtherTags => {
+                "run.duration_s is over: the tags in view have other ids than the target's, which vision's log names; set target.tags.first_id"
+            }
             TargetStatus::WrongSize => "run.duration_s is over: frames have another size than the camera's",
             TargetStatus::Inconsistent => {
-                "run.duration_s is over: the target's dots never fitted one pose; look for a shadow, glare or something in \
-                 front, check [camera.lens] and [target], or allow for more (vision.model_sd_px)"
+                of_points!(
+                    points,
+                    "run.duration_s is over: ",
+                    " never fitted one pose; look for a shadow, glare or something in front, check [camera.lens] and [target], or allow for more \
+                     (vision.model_sd_px)"
+                )
             }
             TargetStatus::NoMatch => "run.duration_s is over: the target was never found",
             TargetStatus::GivenUp => {
@@ -79,7 +104,11 @@ fn why_late(state: ControlState, measurements: &MeasurementLog) -> &'static str 
         (ControlState::Holding | ControlState::Returning, Some(m))
             if m.target_status() == TargetStatus::Inconsistent =>
         {
-            "run.duration_s is over: the target's dots fit no pose any more; look for a shadow, glare or something in front"
+            of_points!(
+                points,
+                "run.duration_s is over: ",
+                " fit no pose any more; look for a shadow, glare or something in front"
+            )
         }
         (ControlState::Holding | ControlState::Returning, Some(m))
             if m.target_status() == TargetStatus::NoPair =>
@@ -155,9 +184,29 @@ mod tests {
         ] {
             let mut log = MeasurementLog::new();
             log.note(&found, Some(MeasurementVerdict::NoTask(why)), 1.0, &mut Events::default());
-            let finish = time_is_up(true, ControlState::Waiting, None, &log);
+            let finish = time_is_up(true, ControlState::Waiting, None, (&log, PointKind::Dots));
             assert_eq!(finish.outcome, Outcome::NotConverged);
             assert!(finish.reason.contains(word), "{why:?}: {}", finish.reason);
+        }
+    }
+
+    #[test]
+    fn a_target_is_called_what_it_is() {
+        for (points, status, word) in [
+            (PointKind::Dots, TargetStatus::Inconsistent, "the target's dots never fitted"),
+            (PointKind::TagCorners, TargetStatus::Inconsistent, "the tag's corners never fitted"),
+            (PointKind::TagCorners, TargetStatus::Ambiguous, "in view more than once"),
+            (PointKind::BoardCorners, TargetStatus::Ambiguous, "the chessboard's corners could not"),
+            (PointKind::TagCorners, TargetStatus::OtherTags, "other ids"),
+        ] {
+            let seen = Measurement { status: status as u32, ..Measurement::default() };
+            let mut log = MeasurementLog::new();
+            log.note(&seen, None, 1.0, &mut Events::default());
+            let reason = time_is_up(true, ControlState::Waiting, None, (&log, points)).reason;
+            assert!(
+                reason.contains(word) && !(points != PointKind::Dots && reason.contains("dots")),
+                "{reason}"
+            );
         }
     }
 

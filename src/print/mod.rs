@@ -7,12 +7,14 @@
 
 mod base64;
 mod font;
+mod paper;
 mod pdf;
 mod png;
 mod svg;
 
 pub(crate) use base64::base64;
 pub(crate) use font::letters;
+pub use paper::Paper;
 
 use crate::target::{ClosedOutline, Mark, Tags, Target};
 use nalgebra::Vector2;
@@ -51,6 +53,22 @@ pub enum PrintError {
         largest_mm: f64,
         /// What else can be done.
         hint: &'static str,
+    },
+    /// The sheet is larger than the paper.
+    #[error(
+        "{width_mm:.0} x {height_mm:.0} mm with its margin and the bar do not fit on {}: make the target {percent} % of its size, or take a \
+         larger paper",
+        paper.as_str()
+    )]
+    NoRoom {
+        /// Width.
+        width_mm: f64,
+        /// Height.
+        height_mm: f64,
+        /// The paper.
+        paper: Paper,
+        /// How large a target fits, rounded down.
+        percent: f64,
     },
     /// The encoder failed.
     #[error("the image cannot be encoded")]
@@ -193,12 +211,25 @@ fn tags(target: &Tags) -> String {
     }
 }
 
-/// The bytes of a file with the target in true size.
+/// The smallest of A4 and A3 on which a target fits, in words.
+#[must_use]
+pub fn paper_in_words(target: &Target) -> String {
+    Paper::smallest_for(PrintSheet::of(target).size_mm)
+        .map_or("is larger than A3: print it on a plotter".into(), |paper| {
+            format!("fits on {}", paper.as_str())
+        })
+}
+
+/// The bytes of a file with the target in true size, in the middle of a paper or on a sheet as large as it is.
 ///
 /// # Errors
-/// [`PrintError`]: the target is too large for the format.
-pub fn print(target: &Target, format: Format) -> Result<Vec<u8>, PrintError> {
+/// [`PrintError`]: the target is too large for the format, or for the paper.
+pub fn print(target: &Target, format: Format, paper: Option<Paper>) -> Result<Vec<u8>, PrintError> {
     let sheet = PrintSheet::of(target);
+    let sheet = match paper {
+        Some(paper) => sheet.on(paper)?,
+        None => sheet,
+    };
     let refuse = |name: &'static str, largest_mm: f64, hint: &'static str| {
         let (width_mm, height_mm) = (sheet.size_mm.x, sheet.size_mm.y);
         if width_mm.max(height_mm) > largest_mm {

@@ -2,14 +2,20 @@
 
 use crate::config::ConfigError;
 use crate::config::assemble::AssembleError;
+#[cfg(feature = "cli")]
 use crate::experiment::ExperimentError;
 use crate::input::printable;
 use crate::ipc::{Disagreement, InstanceError, IpcError};
+#[cfg(feature = "cli")]
 use crate::record::RecordingError;
+#[cfg(feature = "cli")]
 use crate::replay::ReplayError;
 use crate::robot::RobotError;
+#[cfg(feature = "cli")]
 use crate::rt::IsRead;
+#[cfg(feature = "cli")]
 use crate::rt::SchedulingError;
+#[cfg(feature = "cli")]
 use crate::source::SourceError;
 use std::fmt;
 use std::path::PathBuf;
@@ -28,6 +34,7 @@ pub enum ProcessError {
     #[error(transparent)]
     Ipc(#[from] IpcError),
     /// The source of frames failed.
+    #[cfg(feature = "cli")]
     #[error(transparent)]
     Source(#[from] SourceError),
     /// A camera that runs by itself gives no frames any more.
@@ -97,9 +104,11 @@ pub enum ProcessError {
     #[error(transparent)]
     Assemble(#[from] AssembleError),
     /// An experiment gave nothing.
+    #[cfg(feature = "cli")]
     #[error(transparent)]
     Experiment(#[from] ExperimentError),
     /// Real-time scheduling was refused under policy `enforce`.
+    #[cfg(feature = "cli")]
     #[error(transparent)]
     Scheduling(#[from] SchedulingError),
     /// The external drive has another number of joints.
@@ -205,7 +214,7 @@ pub enum ProcessError {
         waited_s: f64,
     },
     /// A wait that nobody can mean.
-    #[error("--timeout-s {0}: must be more than 0 and at most 3600")]
+    #[error("a time-out of {0} s: must be more than 0 and at most 3600")]
     Timeout(f64),
     /// A file cannot be written.
     #[error("{path}: cannot be written: {cause}; choose another place or free some space", path = path.display())]
@@ -223,9 +232,11 @@ pub enum ProcessError {
     )]
     NoReport(PathBuf),
     /// A recording cannot be written or read.
+    #[cfg(feature = "cli")]
     #[error(transparent)]
     Recording(#[from] RecordingError),
     /// A recording cannot be replayed.
+    #[cfg(feature = "cli")]
     #[error("{}: {cause}", path.display())]
     Replay {
         /// Which.
@@ -245,6 +256,7 @@ pub enum ProcessError {
     #[error("internal error: the {0} thread panicked; please report this with the lines above")]
     Panicked(&'static str),
     /// The signal handler cannot be installed.
+    #[cfg(feature = "cli")]
     #[error("cannot handle signals: {0}")]
     Signals(#[from] ctrlc::Error),
     /// The effective configuration has no text form.
@@ -289,6 +301,7 @@ impl ProcessError {
     }
 
     /// The exit code: 3 for configuration and input files, 4 for a camera that stays away, 5 where nobody answers, 1 for everything else.
+    #[cfg(feature = "cli")]
     #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {

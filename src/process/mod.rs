@@ -1,83 +1,54 @@
 //! The processes: thin loops around the cores. Each joins an instance under its role, works until a stop is requested,
 //! and takes its run files with it.
 
+#[cfg(feature = "cli")]
 pub mod camera;
+#[cfg(feature = "cli")]
 pub mod control;
+#[cfg(feature = "cli")]
 pub mod drive_guard;
 mod error;
+#[cfg(feature = "cli")]
 mod membership;
+#[cfg(feature = "cli")]
 mod priority;
+#[cfg(feature = "cli")]
 pub mod recorded_report;
+#[cfg(feature = "cli")]
 pub mod recorder;
+#[cfg(feature = "cli")]
 mod report_folder;
+#[cfg(feature = "cli")]
 mod report_images;
+#[cfg(feature = "cli")]
+mod run_place;
+#[cfg(feature = "cli")]
 pub mod run_report;
+#[cfg(feature = "cli")]
+mod seeing;
+#[cfg(feature = "cli")]
 mod signals;
+#[cfg(feature = "cli")]
 mod silence;
+#[cfg(feature = "cli")]
 pub mod stereo_vision;
 mod stop;
+#[cfg(feature = "cli")]
 pub mod supervisor;
+#[cfg(feature = "cli")]
 pub mod vision;
 
 pub use error::ProcessError;
+#[cfg(feature = "cli")]
 pub use membership::Membership;
+#[cfg(feature = "cli")]
 pub use report_folder::{NewReport, ReportFolder};
+#[cfg(feature = "cli")]
+pub use seeing::frame_shape;
+#[cfg(feature = "cli")]
+use seeing::{LONGEST_SPIN, LONGEST_WAIT, WAKE_AHEAD, seeing_cameras, seeing_roles, shape_of};
+#[cfg(feature = "cli")]
 pub use signals::follow_parent;
+#[cfg(feature = "cli")]
 use stop::STOP_REASON;
 pub use stop::StopFlag;
-
-use crate::config::Clock;
-use crate::config::{Camera, Config};
-use crate::ipc::{FrameShape, Role};
-use crate::time::SpanNs;
-use std::time::Duration;
-
-/// Longest wait for a message, and so the delay with which a request to stop is noticed at most. Chosen by hand: below what people perceive as
-/// a delay, and 20 wake-ups a second.
-const LONGEST_WAIT: Duration = Duration::from_millis(50);
-
-/// The processes beside control that see for it: vision first, then its cameras.
-fn seeing_roles(config: &Config) -> Vec<Role> {
-    let cameras = seeing_cameras(config).map(|camera| Role::Camera(camera.id));
-    std::iter::once(Role::Vision(config.camera.id)).chain(cameras).collect()
-}
-
-/// The cameras that a run uses: one, or a pair.
-fn seeing_cameras(config: &Config) -> impl Iterator<Item = &Camera> {
-    let pair = config.further_cameras.iter().filter(|_| config.stereo.is_some());
-    std::iter::once(&config.camera).chain(pair)
-}
-
-/// Longest spin of a lockstep process before it sleeps, where a core is free. Chosen by hand: about the time of a frame from its
-/// exposure to its measurement.
-const LONGEST_SPIN: SpanNs = SpanNs(250_000);
-
-/// Ticks before that of a frame at which lockstep control wakes the camera, so that the camera has woken up
-/// when the state of the frame's tick arrives. Chosen by hand: sixteen ticks of lockstep take longer than a wake-up.
-const WAKE_AHEAD: u64 = 16;
-
-/// Time that a recorder may lag behind a camera without missing a frame. Chosen by hand: it has no real-time priority, and on a loaded machine
-/// waits some tens of milliseconds for its core; each frame more takes four of shared memory, one for every reader.
-const RECORDER_LAG: SpanNs = SpanNs(150_000_000);
-/// Most frames that wait for a recorder, whatever the rate. Chosen by hand: what 100 Hz needs.
-const MAX_RECORDER_FRAMES: usize = 16;
-
-/// Size and number of the frames of a run: the newest alone in real time, all that are on their way in lockstep.
-#[must_use]
-pub fn frame_shape(config: &Config) -> FrameShape {
-    shape_of(&config.camera, config.clock)
-}
-
-/// The same of one of several cameras.
-fn shape_of(camera: &Camera, clock: Clock) -> FrameShape {
-    let i = camera.model.intrinsics();
-    let on_their_way = camera.schedule.in_flight();
-    let (in_flight, held_back) = match clock {
-        Clock::Realtime => (1, on_their_way),
-        Clock::Lockstep => (on_their_way, 1),
-    };
-    let period = camera.schedule.exposure(1);
-    let recorded = RECORDER_LAG.0.div_euclid(period.0.max(1)).unsigned_abs() as usize + 1;
-    let bytes = i.width_px as usize * i.height_px as usize;
-    FrameShape { bytes, in_flight, recorded: recorded.min(MAX_RECORDER_FRAMES), held_back }
-}

@@ -1,6 +1,7 @@
 //! The report of a run: gathers what control and vision left in its folder, and makes the page.
 
 use super::report_folder::{CONFIG, EVENTS, FRAMES, GOAL, MEASUREMENTS, PAGE, POSES, SUMMARY, TICKS, TRACE};
+use super::run_place::when_and_where;
 use super::{NewReport, ProcessError, ReportFolder};
 use crate::config::Clock;
 use crate::config::Config;
@@ -36,7 +37,8 @@ pub fn write(
     commands: &[String],
 ) -> Result<PathBuf, ProcessError> {
     let folder = report.folder();
-    folder.write(CONFIG, config.to_toml()?)?;
+    let written = config.to_toml()?;
+    folder.write(CONFIG, &written)?;
     let json = serde_json::to_string_pretty(summary).unwrap_or_default() + "\n";
     folder.write(SUMMARY, json)?;
     folder.write(EVENTS, events_csv(summary))?;
@@ -61,13 +63,15 @@ pub fn write(
         measurements: evidence.measurements,
         findings: findings.into_iter().map(|f| [f.what, f.evidence, f.change]).collect(),
         speed,
+        config: written,
         goal: table(GOAL),
         poses: table(POSES),
         frames: table(FRAMES),
         ..described(config, summary, commands)
     };
     let images = images(folder, &record.frames);
-    folder.write(PAGE, run_page(&RunRecord { images, ..record }))?;
+    let facts = record.facts.iter().cloned().chain(when_and_where()).collect();
+    folder.write(PAGE, run_page(&RunRecord { images, facts, ..record }))?;
     // A run that was over before it began has nothing to show.
     let Some(name) = missing.first().filter(|_| summary.ticks > 0) else { return report.publish() };
     let absent = |folder: &Path| {

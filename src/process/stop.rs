@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 /// Why a run ends on request.
+#[cfg(feature = "cli")]
 pub(super) const STOP_REASON: &str = "a stop was requested";
 
 /// Set once a stop is requested; shared by all threads of a process.

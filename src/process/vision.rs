@@ -155,7 +155,8 @@ impl VisionWorker {
             let rms_px = measurement.reprojection_rms_px;
             warn!(frame = measurement.frame_id, rms_px, "measurement refused: {}", status.as_str());
         } else {
-            warn!(frame = measurement.frame_id, "no target: {}", status.as_str());
+            let why = self.vision.missed_in_words(status);
+            warn!(frame = measurement.frame_id, "no target: {why}");
         }
         self.status = Some(status);
     }

@@ -2,22 +2,38 @@
 //! nobody waits for, and results that are written whole.
 
 mod clock;
+#[cfg(feature = "cli")]
 mod deadline_wait;
+#[cfg(feature = "cli")]
 mod log;
+#[cfg(feature = "cli")]
 mod log_format;
+#[cfg(feature = "cli")]
 mod output;
+#[cfg(feature = "cli")]
 mod prefault;
+#[cfg(feature = "cli")]
 mod scheduling;
+#[cfg(feature = "cli")]
+mod service_manager;
 mod write_file;
 
 pub use clock::{now, sleep_until, unix_origin};
+#[cfg(feature = "cli")]
 pub use deadline_wait::DeadlineWait;
+#[cfg(feature = "cli")]
 pub use log::start_logging;
+#[cfg(feature = "cli")]
 pub use log_format::{LogFormat, log_environment, log_format};
+#[cfg(feature = "cli")]
 pub use output::{CLEAR_LINE, Stderr, print, tell};
+#[cfg(feature = "cli")]
 pub use prefault::{page_faults, prefault};
+#[cfg(feature = "cli")]
 pub use scheduling::{
     Awake, Obtained, SchedulingError, USUAL_SPIN, prepare_process, prepare_thread, spin_before_deadlines,
     why_not_on,
 };
+#[cfg(feature = "cli")]
+pub use service_manager::tell_service_manager;
 pub use write_file::{IsRead, check_writable, write_file};

@@ -83,6 +83,9 @@ pub struct Visibility {
     pub whole: usize,
     /// How many it takes to find the target.
     pub needed: usize,
+    /// Width and height of its points in the image plane where they do not fit into the image however the camera is turned to them, and those
+    /// of the image, px.
+    pub too_large_px: Option<[[f64; 2]; 2]>,
 }
 
 impl Visibility {
@@ -114,7 +117,17 @@ impl Visibility {
         let plate_outside = OutlineBounds::of(&edges, camera, X_CO).map(|extent| extent.overhang(camera));
         let front = sheets.iter().any(|sheet| is_front(&(X_CO * sheet.X_OS)));
         let whole = points.iter().filter(|point| point.whole).count();
-        Self { points, front, plate_outside, room_px, whole, needed: target.min_to_find() }
+        let too_large_px = too_large(&points, camera);
+        Self { points, front, plate_outside, room_px, whole, needed: target.min_to_find(), too_large_px }
+    }
+
+    /// That the target is larger than the image, in words.
+    #[must_use]
+    pub fn too_large_in_words(&self) -> Option<String> {
+        let [[width, height], [of_width, of_height]] = self.too_large_px?;
+        Some(format!(
+            "the target is {width:.0} x {height:.0} px here, the image {of_width:.0} x {of_height:.0}: make it smaller, or look from farther away"
+        ))
     }
 
     /// Whether the finder can find the target: enough whole marks, from the side where they are.
@@ -146,6 +159,18 @@ impl Visibility {
         };
         Some(format!("{}{more}{seen}", told.join(", ")))
     }
+}
+
+/// Size of the points' box and of the image, px, where the box is wider or higher than the image.
+fn too_large(points: &[PointVisibility], camera: &CameraModel) -> Option<[[f64; 2]; 2]> {
+    let seen = || points.iter().filter(|point| !point.turned_away).filter_map(|point| point.px);
+    let span = |k: usize| {
+        let along = || seen().filter_map(move |px| px.get(k).copied());
+        along().fold(f64::NEG_INFINITY, f64::max) - along().fold(f64::INFINITY, f64::min)
+    };
+    let (size, i) = ([span(0), span(1)], camera.intrinsics());
+    let image = [f64::from(i.width_px), f64::from(i.height_px)];
+    size.iter().zip(&image).any(|(span, room)| span > room).then_some([size, image])
 }
 
 impl PointVisibility {

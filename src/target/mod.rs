@@ -78,6 +78,19 @@ pub enum Target {
     Shape(Shape),
 }
 
+/// What the points of a target are, as people call them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PointKind {
+    /// Middles of dots.
+    Dots,
+    /// Inner corners of a chessboard.
+    BoardCorners,
+    /// Corners of tags.
+    TagCorners,
+    /// Corners or edges of an outline.
+    Outline,
+}
+
 /// Calls a method that all kinds have.
 macro_rules! each {
     ($target:expr, $name:ident => $call:expr) => {
@@ -92,6 +105,17 @@ macro_rules! each {
 }
 
 impl Target {
+    /// What its points are.
+    #[must_use]
+    pub fn point_kind(&self) -> PointKind {
+        match self {
+            Self::FourDots(_) | Self::DotGrid(_) => PointKind::Dots,
+            Self::Chessboard(_) => PointKind::BoardCorners,
+            Self::Tags(_) => PointKind::TagCorners,
+            Self::Shape(_) => PointKind::Outline,
+        }
+    }
+
     /// Its points, ids rising.
     #[must_use]
     pub fn points(&self) -> &[TargetPoint] {

@@ -164,6 +164,12 @@ pub struct Vision {
 }
 
 impl Vision {
+    /// Why the last frame that was searched has no measurement, in words: of tags of other ids, which.
+    #[must_use]
+    pub fn missed_in_words(&self, status: TargetStatus) -> String {
+        self.finder.missed_in_words(status).unwrap_or_else(|| status.as_str().into())
+    }
+
     /// Vision for one camera and target. Allocates all buffers; [`Self::process`] allocates nothing.
     #[must_use]
     pub fn new(camera: CameraModel, target: impl Into<Target>, settings: VisionSettings) -> Self {

@@ -227,3 +227,39 @@ fn wrong_words_are_told_with_what_is_accepted() {
     let nowhere = ended(&["target", "four_dots", "--out", "/nowhere/at/all.svg"]);
     assert_eq!(nowhere.code, Some(3), "{}", nowhere.err);
 }
+
+#[test]
+fn tags_of_other_ids_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = printed(folder.path(), "tag:36h11:0.05:8", "sheet.png");
+    shrunk(&path, 3);
+    let path = path.to_str().unwrap();
+    let told = ended(&["detect", path, "--target", "tag:36h11:0.05:5", "--json"]);
+    assert_eq!(told.code, Some(5), "{} {}", told.out, told.err);
+    let answer = &answers(&told.out)[0];
+    assert_eq!(
+        (answer["status"].as_str(), answer["reason"].as_str()),
+        (Some("other_tags"), Some("saw tag 8, not 5"))
+    );
+}
+
+#[test]
+fn a_paper_is_filled_or_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("board.pdf");
+    let out = out.to_str().unwrap();
+    let refused = ended(&["target", "chessboard:9x6:0.025", "--paper", "a4", "--out", out]);
+    assert_eq!(refused.code, Some(2));
+    assert!(refused.err.contains("do not fit on A4: make the target 93 % of its size"), "{}", refused.err);
+    assert!(!Path::new(out).exists());
+    let fits = ended(&["target", "chessboard:9x6:0.023", "--paper", "a4", "--out", out]);
+    assert_eq!(fits.code, Some(0), "{}", fits.err);
+    assert!(fits.out.contains("; on A4; print it at 100 %"), "{}", fits.out);
+    let text = String::from_utf8_lossy(&std::fs::read(out).unwrap()).into_owned();
+    let media = text.split("/MediaBox [0 0 ").nth(1).unwrap().split(']').next().unwrap();
+    let points: Vec<f64> = media.split(' ').map(|x| x.parse().unwrap()).collect();
+    // 297 x 210 mm in units of 1/72 inch
+    assert!((points[0] - 841.89).abs() < 0.01 && (points[1] - 595.28).abs() < 0.01, "{points:?}");
+    let alone = ended(&["target", "chessboard:9x6:0.025", "--out", out]);
+    assert!(alone.out.contains("; fits on A3;"), "{}", alone.out);
+}

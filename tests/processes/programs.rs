@@ -60,6 +60,12 @@ fn the_shipped_program_is_done_to_its_end() {
     assert!(q.iter().zip([0.1, 1.5, 0.45, -0.7]).all(|(q, home)| (q - home).abs() < 1e-3), "{q:?}");
     // Two goals of the program were set twice.
     assert_eq!(status["goal"], 4);
+    // `ctl run` is the same.
+    let folder = tempfile::tempdir().unwrap();
+    let program = written(&folder, "[[steps]]\ncall = [\"echo\", \"by ctl\"]\n");
+    let output =
+        vservo().args(["ctl", "run", &program, "--instance", &daemon.instance.name]).output().unwrap();
+    assert_eq!((output.status.code(), output.stdout.as_slice()), (Some(0), &b"by ctl\n"[..]));
     daemon.accepts("shutdown");
     assert_eq!(daemon.ended().0, Some(0));
 }

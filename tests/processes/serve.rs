@@ -215,3 +215,31 @@ fn nobody_there_is_told_and_leaves_nothing() {
     let output = vservo().args(["ctl", "dance"]).output().unwrap();
     assert_eq!(output.status.code(), Some(2));
 }
+
+#[test]
+fn the_service_manager_hears_that_control_ticks_and_ends() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("notify");
+    let socket = std::os::unix::net::UnixDatagram::bind(&path).unwrap();
+    socket.set_read_timeout(Some(std::time::Duration::from_secs(60))).unwrap();
+    let heard = || {
+        let mut buffer = [0; 64];
+        let length = socket.recv(&mut buffer).unwrap();
+        String::from_utf8_lossy(&buffer[..length]).into_owned()
+    };
+    let instance = Instance::new("serve-notify");
+    let mut process = vservo()
+        .args(["serve", "--clock", "lockstep", "--instance", &instance.name])
+        .env("NOTIFY_SOCKET", &path)
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    assert_eq!(heard(), "READY=1");
+    let answers = vservo().args(["ctl", "status", "--instance", &instance.name]).status().unwrap();
+    assert!(answers.success());
+    kill(process.id() as i32, "TERM");
+    assert_eq!(heard(), "STOPPING=1");
+    assert_eq!(process.wait().unwrap().code(), Some(0));
+    instance.assert_gone();
+}

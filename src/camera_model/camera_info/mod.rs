@@ -11,6 +11,7 @@
 //! Everything else in a file is passed over. Angles between the axes of pixels (skew) are not known here, and refused.
 
 mod pair;
+mod xml;
 mod yaml;
 
 use super::{CameraModel, CameraModelError, Intrinsics, Lens, LensModel};
@@ -51,11 +52,14 @@ impl CameraInfo {
     /// What the file of a camera that stands alone says: of the whole image, where the camera reads a region.
     #[must_use]
     pub fn new(camera_name: &str, camera: &CameraModel) -> Self {
-        let intrinsics = camera.full_intrinsics();
+        Self::of(camera_name, camera.full_intrinsics(), *camera.lens())
+    }
+
+    fn of(camera_name: &str, intrinsics: Intrinsics, lens: impl Into<Lens>) -> Self {
         Self {
-            camera_name: camera_name.into(),
+            camera_name: camera_name.chars().take(LONGEST_NAME).collect(),
             intrinsics,
-            lens: *camera.lens(),
+            lens: lens.into(),
             rectification: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
             projection: projection_of(&intrinsics),
         }
@@ -70,11 +74,14 @@ impl CameraInfo {
     }
 
     /// Reads a calibration file. The matrices of stereo pairs and the name may be missing; the lens may be called `fisheye`
-    /// instead of `equidistant`, and a plumb-bob lens may lack k3.
+    /// instead of `equidistant`, and a plumb-bob lens may lack k3. Files of OpenCV (YAML and XML) and of ViSP (XML) are read too.
     ///
     /// # Errors
     /// [`CameraInfoError`] says the line, the key and what is wrong.
     pub fn read(text: &str) -> Result<Self, CameraInfoError> {
+        if xml::is_xml(text) {
+            return xml::read(text);
+        }
         let entries = Entries::read(text)?;
         let side = |key| {
             let side: u32 = entries.number(key, "a whole number of pixels")?;
@@ -140,14 +147,25 @@ fn projection_of(i: &Intrinsics) -> [f64; 12] {
 fn read_lens(entries: &Entries) -> Result<Lens, CameraInfoError> {
     const MODEL: &str = "distortion_model";
     const COEFFICIENTS: &str = "distortion_coefficients";
-    let word = entries.text(MODEL)?.ok_or_else(|| entries.missing(MODEL))?;
+    let mut values = entries.row(COEFFICIENTS)?.ok_or_else(|| entries.missing(COEFFICIENTS))?;
+    let word = match (entries.text(MODEL)?, values.len()) {
+        (Some(word), _) => word,
+        // OpenCV names no model: these numbers of coefficients are those of one alone.
+        (None, 5) => "plumb_bob",
+        (None, 8) => "rational_polynomial",
+        (None, count) => {
+            let message = format!(
+                "has {count} entries, which tell no model: add `{MODEL}: plumb_bob` (k1, k2, p1, p2), or equidistant for a fisheye lens"
+            );
+            return Err(entries.wrong(COEFFICIENTS, message));
+        }
+    };
     let called =
         |model: &LensModel| model.name() == word || (*model == LensModel::Equidistant && word == "fisheye");
     let model = LensModel::ALL.into_iter().find(called).ok_or_else(|| {
         let known = LensModel::ALL.map(LensModel::name).join(", ");
         entries.wrong(MODEL, format!("is `{word}`, known are {known}"))
     })?;
-    let mut values = entries.row(COEFFICIENTS)?.ok_or_else(|| entries.missing(COEFFICIENTS))?;
     if model == LensModel::PlumbBob && values.len() == 4 {
         values.push(0.0);
     }

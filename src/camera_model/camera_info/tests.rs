@@ -182,3 +182,56 @@ proptest! {
         }
     }
 }
+
+const OPENCV_YAML: &str = "%YAML:1.0\n---\ncalibration_time: \"Tue\"\nimage_width: 640\nimage_height: 480\nflags: 0\n\
+    camera_matrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ 6.5e+02, 0., 3.195e+02, 0., 6.6e+02,\n       2.395e+02, 0., 0., 1. ]\n\
+    distortion_coefficients: !!opencv-matrix\n   rows: 5\n   cols: 1\n   dt: d\n   data: [ -1.0e-01, 2.0e-02, 1e-3, -2e-3, 0. ]\n\
+    avg_reprojection_error: 0.3\n";
+const OPENCV_XML: &str = "<?xml version=\"1.0\"?>\n<opencv_storage>\n<calibration_time>\"Tue\"</calibration_time>\n<image_width>640</image_width>\n\
+    <image_height>480</image_height>\n<camera_matrix type_id=\"opencv-matrix\">\n<rows>3</rows>\n<cols>3</cols>\n<dt>d</dt>\n<data>\n\
+    650. 0. 319.5 0. 660.\n    239.5 0. 0. 1.</data></camera_matrix>\n<distortion_coefficients type_id=\"opencv-matrix\">\n<rows>5</rows>\n\
+    <cols>1</cols>\n<dt>d</dt>\n<data>\n    -0.1 0.02 1e-3 -2e-3 0.</data></distortion_coefficients>\n</opencv_storage>\n";
+const VISP_XML: &str = "<?xml version=\"1.0\"?>\n<root>\n  <!--This file stores intrinsic camera parameters-->\n  <camera>\n    <name>Camera</name>\n\
+    <image_width>640</image_width>\n    <image_height>480</image_height>\n    <model>\n      <type>perspectiveProjWithoutDistortion</type>\n\
+    <px>648</px><py>658</py><u0>320</u0><v0>240</v0>\n    </model>\n    <model>\n      <type>perspectiveProjWithDistortion</type>\n\
+    <px>650</px>\n<py>660</py>\n<u0>319.5</u0>\n<v0>239.5</v0>\n<kud>0.1</kud>\n<kdu>-0.1</kdu>\n    </model>\n  </camera>\n</root>\n";
+
+#[test]
+fn files_of_opencv_and_visp_are_read() {
+    let intrinsics =
+        Intrinsics { fx_px: 650.0, fy_px: 660.0, cx_px: 319.5, cy_px: 239.5, width_px: 640, height_px: 480 };
+    let of = |text: &str| CameraInfo::read(text).unwrap().camera().unwrap();
+    for text in [OPENCV_YAML, OPENCV_XML] {
+        let camera = of(text);
+        assert_eq!(*camera.intrinsics(), intrinsics);
+        let lens = Distortion { k1: -0.1, k2: 0.02, p1: 1e-3, p2: -2e-3, k3: 0.0 };
+        assert_eq!(*camera.lens(), lens.into());
+    }
+    let camera = of(VISP_XML);
+    assert_eq!(*camera.intrinsics(), intrinsics);
+    // vpMeterPixelConversion::convertPointWithDistortion of ViSP: u = u0 + px x (1 + kud r^2).
+    let (x, y) = (0.2, -0.15);
+    let scale = 1.0 + 0.1 * (x * x + y * y);
+    let seen = camera.project(&nalgebra::Point3::new(x, y, 1.0)).unwrap();
+    assert!(
+        (seen.x - (319.5 + 650.0 * x * scale)).abs() < 1e-9
+            && (seen.y - (239.5 + 660.0 * y * scale)).abs() < 1e-9
+    );
+}
+
+#[test]
+fn what_such_files_lack_is_told() {
+    let told = |text: &str| CameraInfo::read(text).unwrap_err().to_string();
+    let four = OPENCV_YAML.replace("rows: 5", "rows: 4").replace("-2e-3, 0. ]", "-2e-3 ]");
+    assert!(told(&four).contains("has 4 entries, which tell no model"), "{}", told(&four));
+    let other = VISP_XML.replace("perspectiveProjWith", "ProjWithKannalaBrandt");
+    assert!(told(&other).contains("line 4: has no <model> of type"), "{}", told(&other));
+    let worded = VISP_XML.replace("<kud>0.1", "<kud>x");
+    assert!(told(&worded).contains("line 18: <kud> is `x`, no number"), "{}", told(&worded));
+    assert!(told("<a/>").contains("<opencv_storage> of OpenCV or <root> of ViSP"), "{}", told("<a/>"));
+    assert!(told("<root>").contains("not valid XML"), "{}", told("<root>"));
+    let two = VISP_XML.replace("</root>", "<camera/></root>");
+    assert!(told(&two).contains("a second <camera>"), "{}", told(&two));
+    let no_matrix = OPENCV_XML.replace("camera_matrix", "matrix");
+    assert!(told(&no_matrix).contains("camera_matrix is missing"), "{}", told(&no_matrix));
+}

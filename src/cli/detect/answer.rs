@@ -127,6 +127,7 @@ pub(super) fn word(status: TargetStatus) -> &'static str {
         TargetStatus::NoPair => "no_pair",
         TargetStatus::TooFewShared => "too_few_shared",
         TargetStatus::GivenUp => "given_up",
+        TargetStatus::OtherTags => "other_tags",
     }
 }
 

@@ -12,16 +12,17 @@ use std::fs;
 const SHARED_MEMORY_WANTED: u64 = 64 << 20;
 
 pub(super) fn all() -> Vec<DoctorCheck> {
+    // The cheapest remedy first, which the verdict names: a right, a setting, an option of the boot, another kernel.
     vec![
-        preemption(),
-        throttling(),
         fifo(),
         locked_memory(),
-        governor(),
-        timer_resolution(),
-        clock_source(),
         shared_memory(),
+        governor(),
+        throttling(),
+        clock_source(),
+        timer_resolution(),
         isolated_cores(),
+        preemption(),
     ]
 }
 

@@ -89,6 +89,9 @@ pub(super) fn hidden(target: &Target, camera: &CameraModel, X_CO: &Pose) -> Opti
         return None;
     }
     let (first, why) = hidden.first()?;
+    if let Some(too_large) = visibility.too_large_in_words() {
+        return Some(HiddenPoint { point: first.point, why, how_far: format!(" ({too_large})") });
+    }
     let mut how_far = Vec::new();
     if !first.outside.is_none() {
         how_far.push(first.outside.describe());

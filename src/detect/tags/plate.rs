@@ -59,6 +59,12 @@ impl TagPlateFinder {
         self.points.seen()
     }
 
+    /// In words, which tags the last frame showed, and which belong to the plate.
+    #[must_use]
+    pub fn seen_in_words(&self) -> String {
+        self.points.seen_in_words()
+    }
+
     /// Searches the whole frame: fills `found` with the corners of the plate's tags, ids rising.
     ///
     /// # Errors

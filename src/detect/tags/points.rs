@@ -49,8 +49,17 @@ impl TagPoints {
         match (found.is_empty(), twice) {
             (false, _) => Ok(()),
             (true, true) => Err(TargetStatus::Ambiguous),
-            (true, false) => Err(TargetStatus::NoMatch),
+            (true, false) => Err(TargetStatus::OtherTags),
         }
+    }
+
+    /// In words, which tags the last frame showed, and which are looked for.
+    #[must_use]
+    pub fn seen_in_words(&self) -> String {
+        let seen = self.seen.iter().map(|tag| tag.id);
+        let wanted = self.tags.iter().map(|(id, _)| *id);
+        let tags = if self.seen.len() == 1 { "tag" } else { "tags" };
+        format!("saw {tags} {}, not {}", ids_in_words(seen), ids_in_words(wanted))
     }
 
     /// Tracks expected tags: fills `found` with the corners of those that were detected, ids rising. Returns whether there is any.
@@ -95,5 +104,43 @@ impl TagPoints {
         }
         found.sort_unstable_by_key(|f| f.id);
         twice
+    }
+}
+
+/// Most runs of ids that are listed one by one. Chosen by hand: a line of a terminal.
+const TOLD_RUNS: usize = 6;
+
+/// Rising ids, what lies side by side as a range: `3, 8 to 19`.
+fn ids_in_words(ids: impl Iterator<Item = u32>) -> String {
+    let mut runs: Vec<(u32, u32)> = Vec::new();
+    for id in ids {
+        match runs.last_mut() {
+            Some((_, last)) if id <= last.saturating_add(1) => *last = id,
+            _ => runs.push((id, id)),
+        }
+    }
+    let told = runs.iter().take(TOLD_RUNS).map(|&(first, last)| match last - first {
+        0 => first.to_string(),
+        1 => format!("{first}, {last}"),
+        _ => format!("{first} to {last}"),
+    });
+    let told = told.collect::<Vec<_>>().join(", ");
+    if runs.len() > TOLD_RUNS { told + " and others" } else { told }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::ids_in_words;
+
+    #[test]
+    fn ids_are_told_as_people_write_them() {
+        for (ids, told) in [
+            (&[5][..], "5"),
+            (&[5, 5, 6], "5, 6"),
+            (&[3, 8, 9, 10, 11, 19], "3, 8 to 11, 19"),
+            (&[0, 2, 4, 6, 8, 10, 12], "0, 2, 4, 6, 8, 10 and others"),
+        ] {
+            assert_eq!(ids_in_words(ids.iter().copied()), told);
+        }
     }
 }

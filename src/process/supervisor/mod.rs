@@ -19,7 +19,7 @@ use crate::control::outcome::Outcome;
 use crate::ipc::{Instance, InstanceError, Receiver, Role, SPACE_BESIDE_FRAMES_BYTES, Services};
 use crate::messages::Status;
 use crate::report::summary::Summary;
-use crate::rt::now;
+use crate::rt::{now, tell_service_manager};
 use crate::time::SpanNs;
 use child::ProcessEnd;
 use children::Children;
@@ -129,6 +129,7 @@ fn supervise(
             status,
             progress: Progress::new(config.serve),
             hang_watch: HangWatch::new(instance, config.clock, seeing_roles(config), now()),
+            is_ready: false,
         };
         let failure = watch.until_the_end(&mut children, stop);
         let end = children.shut_down(Some(&mut watch));
@@ -174,12 +175,17 @@ struct Watch {
     status: Option<Receiver<Status>>,
     progress: Progress,
     hang_watch: HangWatch,
+    /// Whether control has had its first tick.
+    is_ready: bool,
 }
 
 impl Watch {
     /// Takes what control says and looks at everybody's signs of life; who has been silent for too long.
     fn look(&mut self) -> Option<(Role, SpanNs)> {
         if let Some(Ok(Some(status))) = self.status.as_ref().map(Receiver::receive_newest) {
+            if !std::mem::replace(&mut self.is_ready, true) {
+                tell_service_manager("READY=1");
+            }
             self.progress.show(&status);
             self.hang_watch.note(&status, now());
         }
@@ -208,6 +214,7 @@ impl Watch {
             }
             std::thread::sleep(WATCH_PERIOD);
         };
+        tell_service_manager("STOPPING=1");
         self.progress.end();
         if let Some(failure) = &failure {
             error!("{}", failure.how);

@@ -101,6 +101,16 @@ impl Canvas {
         self.height = height;
     }
 
+    /// Begins a group with these attributes, which [`Self::close`] ends.
+    pub fn open(&mut self, attributes: &str) {
+        let _ = write!(self.body, "<g {attributes}>"); // a String takes everything
+    }
+
+    /// Ends the group that was begun last.
+    pub fn close(&mut self) {
+        self.body.push_str("</g>");
+    }
+
     /// A line through points, in the classes `class`; one of a single point is a dot.
     pub fn path(&mut self, class: &str, points: impl IntoIterator<Item = [f64; 2]>) {
         let mut d = String::new();

@@ -14,6 +14,7 @@ pub use says::panels_say;
 pub use style::CHART_STYLE;
 
 use panel::draw_legend;
+pub(super) use panel::over_time;
 
 /// Panels in rows of at most `columns`, fewer where the figure is narrow.
 fn figure(panels: &[Panel], columns: usize, width: Width) -> (Canvas, f64) {

@@ -7,6 +7,7 @@ use super::axis::Axis;
 mod draw;
 
 pub(super) use draw::draw_legend;
+pub(in crate::report) use draw::over_time;
 
 /// How a series is drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -30,9 +30,15 @@ svg.chart{width:100%;height:auto;display:none}svg.narrow{display:block}\
 .image{position:relative;line-height:0}.image img{width:100%;height:auto;display:block}.image svg{position:absolute;inset:0;width:100%;height:100%}\
 .image path,.image circle{fill:none;stroke:#00e04a;stroke-width:2;vector-effect:non-scaling-stroke}.image .goal{stroke:#ff5ad0;stroke-dasharray:4 3}\
 table{border-collapse:collapse;font-size:.93rem;max-width:100%}td,th{padding:.15rem .7rem;text-align:left;border-bottom:1px solid var(--faint);overflow-wrap:anywhere}\
-td.n{text-align:right;font-variant-numeric:tabular-nums}\
+td.n{text-align:right;font-variant-numeric:tabular-nums}details{margin:.6rem 0}summary{cursor:pointer;color:var(--soft)}details:not([open])>pre{display:none}\
+.cursor{position:fixed;right:1rem;bottom:1rem;padding:.3rem .7rem;background:var(--paper);border:1px solid var(--frame);font-variant-numeric:tabular-nums}\
+.cursor[hidden]{display:none}.chart .cursor-line{stroke:var(--ink);stroke-width:1;pointer-events:none}.chart .cursor-part{fill:var(--busy)}\
+.zoomed .tick{display:none}.chart .zoomed .data path{vector-effect:non-scaling-stroke}@media print{.cursor{display:none}}\
 @media print{body{max-width:none;padding:0;font-size:11pt}figure,.verdict,dl div{break-inside:avoid}h2{break-after:avoid}\
 svg.narrow,svg.wide{display:none!important}svg.medium{display:block!important}}";
+
+/// One cursor and one zoom for all figures over time of a page; it looks nothing up elsewhere.
+pub const TIME_CURSOR: &str = concat!("<script>", include_str!("time_cursor.js"), "</script>\n");
 
 /// By which a page of this program is known; near its beginning.
 pub const GENERATOR: &str = "<meta name=\"generator\" content=\"vservo\">";

@@ -47,6 +47,20 @@ pub(super) fn camera_errors(r: &RunRecord) -> Vec<[f64; 3]> {
     (0..r.measurements.rows()).filter_map(at).filter(|e| e.iter().all(|x| x.is_finite())).collect()
 }
 
+/// Time, s, and where the goal lies in the camera by each measured pose: x, y, z, mm, and the rotation vector, deg.
+fn axis_errors(r: &RunRecord) -> Vec<(f64, [f64; 6])> {
+    let Some(X_DO) = X_DO(r) else { return Vec::new() };
+    let at = |row: usize| {
+        let X_CD = pose(&r.measurements, "CO_", row)? * X_DO.inverse();
+        let (p, w) = (X_CD.translation.vector * 1e3, X_CD.rotation.scaled_axis().map(f64::to_degrees));
+        Some((r.measurements.number("exposure_s", row), [p.x, p.y, p.z, w.x, w.y, w.z]))
+    };
+    (0..r.measurements.rows())
+        .filter_map(at)
+        .filter(|(t, e)| t.is_finite() && e.iter().all(|x| x.is_finite()))
+        .collect()
+}
+
 /// From when to when no target was found, s.
 pub(super) fn blind_spans(r: &RunRecord) -> Vec<(f64, f64)> {
     let m = &r.measurements;
@@ -157,6 +171,39 @@ pub(super) fn errors_over_time(r: &RunRecord) -> String {
     figure(TITLE, &says(r, &errors), note, |width| figure_svg(&panels, columns, width, TITLE))
 }
 
+/// The same by axis.
+pub(super) fn errors_by_axis(r: &RunRecord) -> String {
+    const TITLE: &str = "Errors by axis";
+    let errors = axis_errors(r);
+    let Some((_, last)) = errors.last() else { return String::new() };
+    let end = r.trace.numbers("time_s").last().copied().unwrap_or(1.0).max(1e-3);
+    let panel = |title: &str, unit: &str, first: usize| {
+        let mut panel = Panel::new(title, "t, s", unit).x_range(0.0, end);
+        for (i, name) in ["x", "y", "z"].into_iter().enumerate() {
+            let points: Vec<_> =
+                errors.iter().filter_map(|(t, e)| Some((*t, e.get(first + i).copied()?))).collect();
+            for piece in without_gaps(&points) {
+                panel.push(Series::line(i, piece.iter().copied()).label(name));
+            }
+        }
+        blind(r).into_iter().for_each(|band| panel.push(band));
+        panel
+    };
+    let panels = [
+        panel("place", "goal in the camera's frame, mm", 0),
+        panel("orientation", "rotation vector to the goal, deg", 3),
+    ];
+    let worst = |first: usize, unit: &str| {
+        let of = ["x", "y", "z"].into_iter().zip(last.iter().skip(first));
+        let most = of.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()));
+        most.map_or(String::new(), |(axis, e)| format!("{} {unit} {axis}", significant(*e, 2)))
+    };
+    let says =
+        format!("At the end the camera lacks most {} and {}.", worst(0, "mm along"), worst(3, "deg about"));
+    let note = "Axes of the camera: x to the right, y down, z ahead. The curves say by what the camera must move and turn to be at its goal, as measured.";
+    figure(TITLE, &says, note, |width| figure_svg(&panels, 2, width, TITLE))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -209,6 +256,13 @@ mod tests {
             "exposure_s,CO_x_m,CO_y_m,CO_z_m,CO_qx,CO_qy,CO_qz,CO_qw\n0.5,0,0,0.7,0,0,0,1\n0.6,,,,,,,\n",
         );
         r.poses = CsvTable::parse("frame,x_m,y_m,z_m,qx,qy,qz,qw\nO_end,1,2,3,0,0,0,1\nD,1,2,2.4,0,0,0,1\n");
+        // The goal lies 0.1 m nearer to the object, which is ahead: by z alone.
+        let (_, by_axis) = axis_errors(&r)[0];
+        assert!(
+            by_axis.iter().zip([0.0, 0.0, 100.0, 0.0, 0.0, 0.0]).all(|(a, b)| (a - b).abs() < 1e-6),
+            "{by_axis:?}"
+        );
+        assert!(errors_by_axis(&r).contains("lacks most 100 mm along z"), "{}", errors_by_axis(&r));
         let errors = camera_errors(&r);
         assert_eq!(errors.len(), 1);
         assert!(

@@ -1,6 +1,6 @@
 //! A run as a page: one HTML file with its figures in it, which needs nothing else.
 //!
-//! verdict, command, facts · image plane · errors · cell in space · joints · what happened when · latencies · jitter · frames · files
+//! verdict, command, facts · image plane · errors · errors by axis · cell in space · joints · what happened when · latencies · jitter · frames · files
 
 mod errors;
 mod facts;
@@ -15,7 +15,7 @@ mod view3d;
 pub use facts::{run_facts, run_verdict};
 pub use record::{ImageData, JointSummary, RunRecord};
 
-use crate::report::page::{document, escaped, heading};
+use crate::report::page::{TIME_CURSOR, document, escaped, heading};
 use std::fmt::Write;
 
 /// The page.
@@ -24,7 +24,9 @@ pub fn run_page(r: &RunRecord) -> String {
     let sections = [
         head(r),
         image_plane::image_plane(r),
+        time_note(r),
         errors::errors_over_time(r),
+        errors::errors_by_axis(r),
         view3d::view3d(r),
         joints::joints(r),
         timeline::timeline(r),
@@ -32,8 +34,27 @@ pub fn run_page(r: &RunRecord) -> String {
         latency::jitter(r),
         photographs::photographs(r),
         files(r),
+        TIME_CURSOR.into(),
     ];
     document(&format!("vservo run: {}", r.title), "", &sections)
+}
+
+/// Share of a run for which it may stand before its first motion without that the figures begin there. Chosen by eye.
+const LONG_WAIT: f64 = 0.25;
+
+/// How the figures over time are read; with the range in which the arm moves, where it waited for long.
+fn time_note(r: &RunRecord) -> String {
+    let times = r.trace.numbers("time_s");
+    let stands = |state: &str| matches!(state, "" | "waiting" | "idle" | "held" | "stopped");
+    let first = (0..times.len()).find(|row| !stands(r.trace.word("state", *row)));
+    let (from, end) = (first.and_then(|row| times.get(row)), times.last());
+    let how = "In a browser: the cursor is at the same time in all figures, and tells the values below it; drag over a figure to zoom, double-click to see all again.";
+    match (from, end) {
+        (Some(from), Some(end)) if *from > LONG_WAIT * end => format!(
+            "<p class=\"note\" data-from=\"{from} {end}\">The arm stood until {from:.2} s: the figures over time begin there. {how}</p>\n"
+        ),
+        _ => format!("<p class=\"note\">{how}</p>\n"),
+    }
 }
 
 fn head(r: &RunRecord) -> String {
@@ -53,7 +74,16 @@ fn head(r: &RunRecord) -> String {
     for (name, value) in &r.facts {
         let _ = write!(html, "<div><dt>{}</dt><dd>{}</dd></div>", escaped(name), escaped(value));
     }
-    html + "</dl>\n"
+    html += "</dl>\n";
+    if !r.config.is_empty() {
+        let lines: Vec<String> = r.config.lines().map(escaped).collect();
+        let _ = writeln!(
+            html,
+            "<details><summary>The run file with all its values</summary><pre>{}</pre></details>",
+            lines.join("\n")
+        );
+    }
+    html
 }
 
 /// The findings, the likeliest cause first, and what limited the speed.
@@ -139,6 +169,20 @@ mod tests {
             "<li>it jammed <span class=\"note\">Evidence: q &amp; qd. Change: free it</span></li>"
         ));
         assert!(html.contains("Speed: the &lt;law&gt;"));
+    }
+
+    #[test]
+    fn figures_begin_with_the_motion_where_the_arm_stood_for_long() {
+        let of = |text: &str| time_note(&RunRecord { trace: CsvTable::parse(text), ..RunRecord::default() });
+        let waits = of("time_s,state\n0,idle\n6,servoing\n10,servoing\n");
+        assert!(waits.contains("data-from=\"6 10\"") && waits.contains("stood until 6.00 s"), "{waits}");
+        assert!(!of("time_s,state\n0,waiting\n1,servoing\n10,held\n").contains("data-from"));
+    }
+
+    #[test]
+    fn all_values_are_in_the_page_line_by_line() {
+        let html = run_page(&RunRecord { config: "[run]\nseed = 1\n".into(), ..RunRecord::default() });
+        assert!(html.contains("values</summary><pre>[run]\nseed = 1</pre></details>"));
     }
 
     #[test]

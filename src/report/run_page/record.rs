@@ -17,6 +17,8 @@ pub struct RunRecord {
     pub speed: String,
     /// What there is to tell beside the figures: names and values.
     pub facts: Vec<(String, String)>,
+    /// The run file with all its values.
+    pub config: String,
     /// The version of the program.
     pub version: String,
     /// Seed of every random number.

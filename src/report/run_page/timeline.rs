@@ -4,7 +4,7 @@
 
 use super::errors::blind_spans;
 use super::record::RunRecord;
-use crate::report::chart::{Anchor, Axis, Canvas, Width, text_width};
+use crate::report::chart::{Anchor, Axis, Canvas, Width, over_time, text_width};
 use crate::report::numbers::{counted, significant};
 use crate::report::page::{escaped, figure};
 use std::fmt::Write;
@@ -39,11 +39,7 @@ fn lanes(r: &RunRecord, end: f64) -> Vec<TimelineLane> {
     let mut lanes = vec![TimelineLane { name: "control".into(), spans: states }];
     let first = r.measurements.number("exposure_s", 0);
     if first.is_finite() {
-        let mut target: Vec<TimelineSpan> = vec![(first.max(0.0), end, "b0", "found".into())];
-        target.extend(
-            blind_spans(r).into_iter().map(|(from, to)| (from.max(0.0), to, "b1 over", "not found".into())),
-        );
-        lanes.push(TimelineLane { name: "target".into(), spans: target });
+        lanes.push(TimelineLane { name: "target".into(), spans: target_spans(first.max(0.0), end, r) });
     }
     for name in r.trace.names().iter().filter(|n| n.starts_with("limit_")) {
         let mut spans: Vec<TimelineSpan> = Vec::new();
@@ -63,6 +59,21 @@ fn lanes(r: &RunRecord, end: f64) -> Vec<TimelineLane> {
         }
     }
     lanes
+}
+
+/// When the target was found and when not, by turns: a word stands on its own span alone.
+fn target_spans(first: f64, end: f64, r: &RunRecord) -> Vec<TimelineSpan> {
+    let mut spans: Vec<TimelineSpan> = Vec::new();
+    let mut found_since = first;
+    let found = |from: f64, to: f64| (to > from).then(|| (from, to, "b0", "found".to_owned()));
+    for (from, to) in blind_spans(r) {
+        let (from, to) = (from.max(first), to.min(end));
+        spans.extend(found(found_since, from));
+        spans.push((from, to, "b1", "not found".into()));
+        found_since = to;
+    }
+    spans.extend(found(found_since, end));
+    spans
 }
 
 fn class_of(state: &str) -> &'static str {
@@ -156,6 +167,9 @@ fn draw(r: &RunRecord, lanes: &[TimelineLane], end: f64, width: Width) -> String
         y = bottom + 0.3 * h;
     }
     y = flags(&mut canvas, r, &x, [left, y + 0.6 * h], right);
+    // The cursor of the page goes through all of it.
+    canvas.open(&over_time([left, 0.0, right, y], [0.0, end], None));
+    canvas.close();
     canvas.path("frame", [[left, y], [right, y]]);
     let mut free = f64::NEG_INFINITY;
     for (value, text) in axis.ticks(((right - left) / (5.5 * h)) as usize) {
@@ -240,11 +254,34 @@ mod tests {
         let r = record(0);
         let lanes = lanes(&r, 10.0);
         let told: Vec<_> = lanes.iter().map(|l| (l.name.as_str(), l.spans.len())).collect();
-        assert_eq!(told, [("control", 3), ("target", 2), ("jerk limit acts", 2)]);
+        assert_eq!(told, [("control", 3), ("target", 3), ("jerk limit acts", 2)]);
         assert_eq!(
             says(&r, &lanes, 10.0),
             "Nothing happened that safety had to tell; the law moved the arm in 90.0 % of 10.0 s; the target was not found for 1.0 s in 1 span."
         );
+    }
+
+    #[test]
+    fn found_stands_where_the_target_was_found() {
+        let words = |text: &str| {
+            let measurements = CsvTable::parse(text);
+            let r = RunRecord { measurements, ..record(0) };
+            let spans = target_spans(0.5, 10.0, &r);
+            spans.into_iter().map(|(from, to, _, word)| (from, to, word)).collect::<Vec<_>>()
+        };
+        let (found, not) = ("found".to_owned(), "not found".to_owned());
+        // It begins without the target: no "found" stands there.
+        assert_eq!(
+            words("exposure_s,status\n0.5,NoMatch\n3,Found\n6,NoMatch\n7,Found\n"),
+            [
+                (0.5, 3.0, not.clone()),
+                (3.0, 6.0, found.clone()),
+                (6.0, 7.0, not.clone()),
+                (7.0, 10.0, found.clone())
+            ]
+        );
+        assert_eq!(words("exposure_s,status\n0.5,NoMatch\n"), [(0.5, 10.0, not)]);
+        assert_eq!(words("exposure_s,status\n0.5,Found\n"), [(0.5, 10.0, found)]);
     }
 
     #[test]

@@ -97,6 +97,8 @@ fn visibility(visibility: &Visibility) -> String {
             "points on faces that look at the camera"
         };
         format!("all of the target's {which} are in the image, {:.0} px from its border", visibility.room_px)
+    } else if let Some(too_large) = visibility.too_large_in_words() {
+        return format!("{} of {turned} points are whole: {too_large}", visibility.whole);
     } else {
         let cut =
             visibility.points.iter().filter(|point| !point.whole && !point.turned_away).take(TOLD_POINTS);

@@ -44,9 +44,21 @@ impl Panel {
         y += 0.9 * h;
         let (x_axis, y_axis, [x0, x1], height) = self.room([left, left + width], h);
         let area = [x0, y, x1, y + height];
+        // What the script of a page needs for its cursor and zoom: where the panel is, and what its axes are.
+        let is_readable = self.is_over_time() && !self.log_x;
+        if is_readable {
+            let ((t0, t1), (low, high)) = (x_axis.ends(), y_axis.ends());
+            canvas.open(&over_time(area, [t0, t1], Some(([low, high], self.log_y))));
+        }
         self.grid(canvas, &x_axis, &y_axis, area);
+        canvas.open("class=\"clip\"><g class=\"data\"");
         for series in &self.series {
             self.draw_series(canvas, series, &x_axis, &y_axis, area);
+        }
+        canvas.close();
+        canvas.close();
+        if is_readable {
+            canvas.close();
         }
         let foot = area[3] + 1.75 * h;
         let foot = if self.x_label.is_empty() {
@@ -95,11 +107,11 @@ impl Panel {
         for (value, text) in x_axis.ticks(wanted.clamp(1, 8)) {
             let Some(share) = x_axis.place(value).filter(|s| (-1e-3..=1.001).contains(s)) else { continue };
             let x = area[0] + share * (area[2] - area[0]);
-            canvas.path("grid", [[x, area[1]], [x, area[3]]]);
+            canvas.path("grid tick", [[x, area[1]], [x, area[3]]]);
             let half = 0.5 * text_width(&text, h);
             // The one beside another that is too near is left out, not squeezed in.
             if x - half > free && x - half >= 0.0 && x + half <= area[2] + 0.8 * h {
-                canvas.text("t", [x, area[3] + 1.65 * h], Anchor::Middle, &text);
+                canvas.text("t tick", [x, area[3] + 1.65 * h], Anchor::Middle, &text);
                 free = x + half + 0.5 * h;
             }
         }
@@ -172,6 +184,20 @@ impl Panel {
             }
         }
     }
+}
+
+/// Attributes of the group of a panel over time: its area, from when to when, from which value to which, and whether that axis is logarithmic.
+pub(in crate::report) fn over_time(
+    [x0, y0, x1, y1]: Area,
+    [t0, t1]: [f64; 2],
+    values: Option<([f64; 2], bool)>,
+) -> String {
+    let mut text =
+        format!("class=\"panel\" data-at=\"{x0:.1} {y0:.1} {x1:.1} {y1:.1}\" data-t=\"{t0} {t1}\"");
+    if let Some(([low, high], log)) = values {
+        text += &format!(" data-v=\"{low} {high} {}\"", u8::from(log));
+    }
+    text
 }
 
 /// The legend below `top`, in as many lines as it needs; where it ends.

@@ -1,0 +1,56 @@
+//! What the processes have in common: who sees for control, how large their frames are, how long they wait for each other.
+
+use crate::config::{Camera, Clock, Config};
+use crate::ipc::{FrameShape, Role};
+use crate::time::SpanNs;
+use std::time::Duration;
+
+/// Longest wait for a message, and so the delay with which a request to stop is noticed at most. Chosen by hand: below what people perceive as
+/// a delay, and 20 wake-ups a second.
+pub(super) const LONGEST_WAIT: Duration = Duration::from_millis(50);
+
+/// The processes beside control that see for it: vision first, then its cameras.
+pub(super) fn seeing_roles(config: &Config) -> Vec<Role> {
+    let cameras = seeing_cameras(config).map(|camera| Role::Camera(camera.id));
+    std::iter::once(Role::Vision(config.camera.id)).chain(cameras).collect()
+}
+
+/// The cameras that a run uses: one, or a pair.
+pub(super) fn seeing_cameras(config: &Config) -> impl Iterator<Item = &Camera> {
+    let pair = config.further_cameras.iter().filter(|_| config.stereo.is_some());
+    std::iter::once(&config.camera).chain(pair)
+}
+
+/// Longest spin of a lockstep process before it sleeps, where a core is free. Chosen by hand: about the time of a frame from its
+/// exposure to its measurement.
+pub(super) const LONGEST_SPIN: SpanNs = SpanNs(250_000);
+
+/// Ticks before that of a frame at which lockstep control wakes the camera, so that the camera has woken up
+/// when the state of the frame's tick arrives. Chosen by hand: sixteen ticks of lockstep take longer than a wake-up.
+pub(super) const WAKE_AHEAD: u64 = 16;
+
+/// Time that a recorder may lag behind a camera without missing a frame. Chosen by hand: it has no real-time priority, and on a loaded machine
+/// waits some tens of milliseconds for its core; each frame more takes four of shared memory, one for every reader.
+const RECORDER_LAG: SpanNs = SpanNs(150_000_000);
+/// Most frames that wait for a recorder, whatever the rate. Chosen by hand: what 100 Hz needs.
+const MAX_RECORDER_FRAMES: usize = 16;
+
+/// Size and number of the frames of a run: the newest alone in real time, all that are on their way in lockstep.
+#[must_use]
+pub fn frame_shape(config: &Config) -> FrameShape {
+    shape_of(&config.camera, config.clock)
+}
+
+/// The same of one of several cameras.
+pub(super) fn shape_of(camera: &Camera, clock: Clock) -> FrameShape {
+    let i = camera.model.intrinsics();
+    let on_their_way = camera.schedule.in_flight();
+    let (in_flight, held_back) = match clock {
+        Clock::Realtime => (1, on_their_way),
+        Clock::Lockstep => (on_their_way, 1),
+    };
+    let period = camera.schedule.exposure(1);
+    let recorded = RECORDER_LAG.0.div_euclid(period.0.max(1)).unsigned_abs() as usize + 1;
+    let bytes = i.width_px as usize * i.height_px as usize;
+    FrameShape { bytes, in_flight, recorded: recorded.min(MAX_RECORDER_FRAMES), held_back }
+}
