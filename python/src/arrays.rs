@@ -1,13 +1,38 @@
 //! numpy arrays in and out, with words where one has the wrong shape.
 
-use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
+use numpy::{AllowTypeChange, PyArray1, PyArray2, PyArrayLike2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use vservo_cores::imaging::ImageView;
 use vservo_cores::nalgebra::{Matrix4, Point2, Vector2};
 use vservo_cores::prelude::Pose;
 
+/// Numbers of two axes: an array, or lists of lists.
+pub type Numbers2<'py> = PyArrayLike2<'py, f64, AllowTypeChange>;
+
+/// The pixels of a grey image; rows that lie apart, as those of a part of a larger image, are put together.
+pub struct Grey {
+    pixels: Vec<u8>,
+    width: usize,
+    height: usize,
+}
+
+impl Grey {
+    pub fn view(&self) -> PyResult<ImageView<'_>> {
+        ImageView::new(&self.pixels, self.width, self.height)
+            .map_err(|e| PyValueError::new_err(e.to_string()))
+    }
+}
+
+/// The same of an array (height, width).
+pub fn grey(image: &PyReadonlyArray2<'_, u8>) -> PyResult<Grey> {
+    let view = image.as_array();
+    let (height, width) = view.dim();
+    Ok(Grey { pixels: view.iter().copied().collect(), width, height })
+}
+
 /// Pairs of numbers: an array of shape (n, 2).
-pub fn pairs(name: &str, array: &PyReadonlyArray2<'_, f64>) -> PyResult<Vec<Vector2<f64>>> {
+pub fn pairs(name: &str, array: &Numbers2<'_>) -> PyResult<Vec<Vector2<f64>>> {
     let view = array.as_array();
     if view.ncols() != 2 {
         let shape = view.shape();

@@ -1,7 +1,7 @@
 //! A law and a pose from image points.
 
-use crate::arrays::{homogeneous, pairs};
-use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
+use crate::arrays::{Numbers2, homogeneous, pairs};
+use numpy::{AllowTypeChange, PyArray1, PyArray2, PyArrayLike1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use vservo_cores::prelude::{Correspondence, FeatureStack, PointFeature, solve_twist};
@@ -17,9 +17,9 @@ const ROWS: usize = 128;
 #[pyo3(signature = (s, s_desired, depths_m, gain_1_s = 1.0))]
 pub fn camera_velocity<'py>(
     py: Python<'py>,
-    s: PyReadonlyArray2<'py, f64>,
-    s_desired: PyReadonlyArray2<'py, f64>,
-    depths_m: PyReadonlyArray1<'py, f64>,
+    s: Numbers2<'py>,
+    s_desired: Numbers2<'py>,
+    depths_m: PyArrayLike1<'py, f64, AllowTypeChange>,
     gain_1_s: f64,
 ) -> PyResult<Bound<'py, PyArray1<f64>>> {
     let (s, s_d) = (pairs("s", &s)?, pairs("s_desired", &s_desired)?);
@@ -51,8 +51,8 @@ pub fn camera_velocity<'py>(
 #[pyfunction]
 pub fn planar_pose<'py>(
     py: Python<'py>,
-    points_m: PyReadonlyArray2<'py, f64>,
-    s: PyReadonlyArray2<'py, f64>,
+    points_m: Numbers2<'py>,
+    s: Numbers2<'py>,
 ) -> PyResult<Vec<(Bound<'py, PyArray2<f64>>, f64)>> {
     let (r, s) = (pairs("points_m", &points_m)?, pairs("s", &s)?);
     if r.len() != s.len() {

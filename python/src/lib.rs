@@ -6,6 +6,7 @@
 
 mod arrays;
 mod beside;
+mod calibrate;
 mod camera;
 mod client;
 mod errors;
@@ -28,7 +29,14 @@ fn vservo(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(simulation::simulate, module)?)?;
     module.add_function(wrap_pyfunction!(simulation::run_files, module)?)?;
     module.add_function(wrap_pyfunction!(client::connect, module)?)?;
+    module.add_function(wrap_pyfunction!(calibrate::calibrate, module)?)?;
+    module.add_function(wrap_pyfunction!(calibrate::stereo, module)?)?;
+    module.add_function(wrap_pyfunction!(calibrate::hand_eye, module)?)?;
+    module.add_function(wrap_pyfunction!(vision::detect, module)?)?;
     errors::add(module)?;
+    module.add_class::<calibrate::Calibration>()?;
+    module.add_class::<calibrate::Pair>()?;
+    module.add_class::<calibrate::HandEye>()?;
     module.add_class::<client::Client>()?;
     module.add_class::<goal::Goal>()?;
     module.add_class::<status::Status>()?;

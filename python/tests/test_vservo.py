@@ -34,6 +34,15 @@ class Law(unittest.TestCase):
         got = vservo.camera_velocity(s, s_d, z, gain_1_s=2.0)
         np.testing.assert_allclose(got, wanted, rtol=1e-9, atol=1e-12)
 
+    def test_lists_are_arrays_too(self):
+        s, z = seen_from(rotation([1, 2, 3], 0.4), [0.02, -0.1, 0.7])
+        s_d, _ = seen_from(np.eye(3), [-0.05, -0.05, 0.5])
+        np.testing.assert_array_equal(
+            vservo.camera_velocity(s.tolist(), s_d.tolist(), z.tolist()), vservo.camera_velocity(s, s_d, z)
+        )
+        X, _ = vservo.planar_pose(SQUARE.tolist(), s.tolist())[0]
+        np.testing.assert_array_equal(X, vservo.planar_pose(SQUARE, s)[0][0])
+
     def test_what_cannot_be_is_told(self):
         s, z = seen_from(np.eye(3), [0, 0, 0.5])
         for arguments in [(s, s[:3], z), (s.ravel()[None], s, z), (s, s, -z), (s * np.nan, s, z), (s[:1], s[:1], z[:1])]:
