@@ -9,7 +9,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
-use vservo_cores::client::{Client as Core, ProgramOutcome, RunAnswer, Setting, USUAL_WAIT_S, Watch};
+use vservo_cores::client::{Client as Core, ProgramOutcome, RecordStream, RunAnswer, Setting, USUAL_WAIT_S};
 use vservo_cores::config::{GoalFile, Program, WaitFor};
 use vservo_cores::geometry::Pose;
 use vservo_cores::messages::CameraId;
@@ -82,7 +82,7 @@ impl Client {
         &self,
         py: Python<'_>,
         timeout_s: f64,
-        open: impl FnOnce(&Core) -> Result<Watch<T>, ProcessError> + Send,
+        open: impl FnOnce(&Core) -> Result<RecordStream<T>, ProcessError> + Send,
     ) -> PyResult<Stream<T>> {
         Stream::new(self.ask(py, open)?, timeout_s)
     }

@@ -7,7 +7,7 @@ use numpy::PyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::sync::{Mutex, PoisonError};
-use vservo_cores::client::Watch;
+use vservo_cores::client::RecordStream;
 use vservo_cores::messages::{
     JointState as JointRecord, Measurement as Record, Status as StatusRecord, joint_flag,
 };
@@ -22,12 +22,12 @@ const LOOK_FOR_SIGNALS_S: f64 = 0.05;
 
 /// A stream, and how long it waits for the next record.
 pub struct Stream<T> {
-    watch: Mutex<Watch<T>>,
+    watch: Mutex<RecordStream<T>>,
     timeout_s: f64,
 }
 
 impl<T: Send> Stream<T> {
-    pub fn new(watch: Watch<T>, timeout_s: f64) -> PyResult<Self> {
+    pub fn new(watch: RecordStream<T>, timeout_s: f64) -> PyResult<Self> {
         if !(timeout_s > 0.0 && timeout_s <= 3600.0) {
             return Err(PyValueError::new_err("timeout_s: must be more than 0 and at most 3600"));
         }

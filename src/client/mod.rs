@@ -24,7 +24,7 @@ pub use answer::RunAnswer;
 pub use program::{ProgramEnd, ProgramOutcome};
 pub use requests::Setting;
 pub use wait::WaitEnd;
-pub use watch::{Watch, Watched};
+pub use watch::{RecordStream, Watched};
 
 use crate::control::lifecycle::Request;
 use crate::ipc::{Halt, Instance};

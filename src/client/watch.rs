@@ -66,7 +66,7 @@ impl Watched for JointState {
 
 /// A stream of records of a run; it ends its part in the run when it is dropped.
 #[derive(Debug)]
-pub struct Watch<T> {
+pub struct RecordStream<T> {
     records: std::sync::mpsc::Receiver<Result<T, ProcessError>>,
     lost: Arc<AtomicU64>,
     closed: StopFlag,
@@ -74,13 +74,13 @@ pub struct Watch<T> {
     instance: Instance,
 }
 
-impl<T> Drop for Watch<T> {
+impl<T> Drop for RecordStream<T> {
     fn drop(&mut self) {
         self.closed.request();
     }
 }
 
-impl<T> Watch<T> {
+impl<T> RecordStream<T> {
     /// The next record, oldest first, for which it waits `timeout_s` at most; `None` when none came in that time.
     ///
     /// # Errors
@@ -115,7 +115,7 @@ impl Client {
     ///
     /// # Errors
     /// When no run is there, or it has as many readers as can be; so for the others.
-    pub fn statuses(&self) -> Result<Watch<Status>, ProcessError> {
+    pub fn statuses(&self) -> Result<RecordStream<Status>, ProcessError> {
         self.watch(CameraId::FIRST)
     }
 
@@ -123,7 +123,7 @@ impl Client {
     ///
     /// # Errors
     /// As for [`Self::statuses`].
-    pub fn measurements(&self, camera: CameraId) -> Result<Watch<Measurement>, ProcessError> {
+    pub fn measurements(&self, camera: CameraId) -> Result<RecordStream<Measurement>, ProcessError> {
         self.watch(camera)
     }
 
@@ -131,11 +131,11 @@ impl Client {
     ///
     /// # Errors
     /// As for [`Self::statuses`].
-    pub fn joint_states(&self) -> Result<Watch<JointState>, ProcessError> {
+    pub fn joint_states(&self) -> Result<RecordStream<JointState>, ProcessError> {
         self.watch(CameraId::FIRST)
     }
 
-    fn watch<T: Watched>(&self, camera: CameraId) -> Result<Watch<T>, ProcessError> {
+    fn watch<T: Watched>(&self, camera: CameraId) -> Result<RecordStream<T>, ProcessError> {
         reach::find(&self.instance)?;
         let (send, records) = sync_channel(AHEAD);
         let (tell, opened) = sync_channel(1);
@@ -158,7 +158,7 @@ impl Client {
             .map_err(|cause| ProcessError::Start { what: "the thread that watches", cause })?;
         opened.recv().map_err(|_| ProcessError::Panicked("watching"))??;
         let (interrupted, instance) = (self.interrupted.clone(), self.instance.clone());
-        Ok(Watch { records, lost, closed, interrupted, instance })
+        Ok(RecordStream { records, lost, closed, interrupted, instance })
     }
 }
 
