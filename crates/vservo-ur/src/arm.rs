@@ -5,25 +5,23 @@
 //!                   │ refuses in words                            │ a fault, in words: the program brakes by itself
 //! ```
 
+mod state;
+
+pub use state::{ArmSettings, ArmState, Command};
+
 use crate::clock_map::ClockMap;
 use crate::dashboard::Dashboard;
-use crate::program::{self, ProgramSettings, command, state};
-use crate::robot::{RobotMode, RuntimeState, SafetyMode, Series, Version};
+use crate::program::{self, ProgramSettings, command, state as program_state};
+use crate::robot::{RobotMode, RuntimeState, Series, Version};
 use crate::rtde::{DataType, Recipe, RtdeClient, RtdeSettings, nanoseconds};
 use crate::{Clock, JOINTS, Joints, UrError};
+use state::{Places, plausible, read};
 use std::io::Write;
-use std::net::{IpAddr, SocketAddr, TcpStream};
+use std::net::{SocketAddr, TcpStream};
 use std::time::Duration;
 
-/// Fastest that a joint of any of these arms turns, rad/s: twice the 360 degrees a second of a UR3's wrist, by the maker's data sheets, so that a
-/// disturbed reading of time is none.
-const FASTEST_RAD_S: f64 = 4.0 * std::f64::consts::PI;
-/// What a reading may jump by beside that, rad. Chosen by hand: far more than an encoder's noise, far less than a lost turn.
-const JUMP_RAD: f64 = 0.05;
 /// States in a row whose time does not go on before that is a fault. Chosen by hand: 20 ms at 500 Hz.
 const STANDING: u32 = 10;
-/// A joint slower than this rests, rad/s. Chosen by hand: above the noise of velocities, and a hundredth of a degree in 0.1 s.
-const REST_RAD_S: f64 = 2e-3;
 /// Longest wait for rest. Chosen by hand: 3 rad/s at the 4 rad/s2 of `stopj` take 0.8 s.
 const REST: Duration = Duration::from_secs(3);
 /// Longest time for the motors to get power, and for the brakes to open. Chosen by hand: an e-Series boots in half a minute.
@@ -31,109 +29,6 @@ const POWER: Duration = Duration::from_secs(60);
 const BRAKES: Duration = Duration::from_secs(20);
 /// A slider below this share slows the arm. Chosen by hand, for rounding.
 const SLIDER: f64 = 0.999;
-
-/// Which robot, and how it is moved.
-#[derive(Debug, Clone, Copy)]
-pub struct ArmSettings {
-    /// The controller's address.
-    pub host: IpAddr,
-    /// Reads the caller's clock.
-    pub clock: Clock,
-    /// The first register, 24 or 0.
-    pub registers: u8,
-    /// `lookahead_time` of `servoj`, s.
-    pub lookahead_s: f64,
-    /// `gain` of `servoj`.
-    pub gain: f64,
-    /// Acceleration of `speedj`, rad/s2.
-    pub speed_acceleration_rad_s2: f64,
-    /// Deceleration of `stopj`, rad/s2.
-    pub stop_deceleration_rad_s2: f64,
-    /// How long the robot goes on without a new command.
-    pub watchdog: Duration,
-    /// Longest wait for an answer.
-    pub patience: Duration,
-    /// Longest time without a state.
-    pub silence: Duration,
-}
-
-impl ArmSettings {
-    /// A robot with the usual settings: the quickest `servoj` that the maker's documentation allows; 40 rad/s2 are the most that it allows `speedj`, because control
-    /// limits accelerations itself; `stopj` with the 4 rad/s2 that the maker's own client has; the times are chosen by hand: 0.1 s without a command are
-    /// fifty lost cycles, and 0.1 rad at 1 rad/s.
-    #[must_use]
-    pub fn new(host: IpAddr, clock: Clock) -> Self {
-        Self {
-            host,
-            clock,
-            registers: 24,
-            lookahead_s: 0.03,
-            gain: 2000.0,
-            speed_acceleration_rad_s2: 40.0,
-            stop_deceleration_rad_s2: 4.0,
-            watchdog: Duration::from_millis(100),
-            patience: Duration::from_secs(5),
-            silence: Duration::from_millis(100),
-        }
-    }
-}
-
-/// What the arm shall do until the next command.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Command {
-    /// Brake, and stay.
-    Hold,
-    /// Go to these positions, rad.
-    Position(Joints),
-    /// Move with these velocities, rad/s.
-    Velocity(Joints),
-    /// Brake, and end the program.
-    End,
-}
-
-/// A state of the robot.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ArmState {
-    /// When it was sampled, by the caller's clock, ns.
-    pub stamp: i64,
-    /// The same by the controller's clock, s.
-    pub robot_s: f64,
-    /// Measured positions, rad.
-    pub q: Joints,
-    /// Measured velocities, rad/s.
-    pub qd: Joints,
-    /// Mode of the robot.
-    pub mode: RobotMode,
-    /// Mode of its safety system.
-    pub safety: SafetyMode,
-    /// What its program does, by the controller.
-    pub runtime: RuntimeState,
-    /// The speed slider, 0 to 1.
-    pub slider: f64,
-    /// Registers of the program: what it does, the count that it obeys, its session.
-    pub program: [i32; 3],
-}
-
-impl ArmState {
-    /// Whether no joint moves.
-    #[must_use]
-    pub fn rests(&self) -> bool {
-        self.qd.iter().all(|v| v.abs() < REST_RAD_S)
-    }
-}
-
-/// Places of what is read, in the payload of a state.
-#[derive(Debug, Clone, Copy, Default)]
-struct Places {
-    time: usize,
-    q: usize,
-    qd: usize,
-    mode: usize,
-    safety: usize,
-    runtime: usize,
-    slider: usize,
-    program: [usize; 3],
-}
 
 /// A robot.
 #[derive(Debug)]
@@ -147,6 +42,8 @@ pub struct Arm {
     program: ProgramSettings,
     clock_map: ClockMap,
     count: i32,
+    /// The positions that were commanded last, and when by the robot's clock.
+    goal: Option<(f64, Joints)>,
     last: Option<ArmState>,
     standing: u32,
     /// States that were not there when they were due, by the controller's time.
@@ -192,6 +89,7 @@ impl Arm {
             program,
             clock_map: ClockMap::default(),
             count: 0,
+            goal: None,
             last: None,
             standing: 0,
             gaps: 0,
@@ -343,7 +241,7 @@ impl Arm {
         let session = self.program.session;
         // The stream stays open until the program runs: closed with states unread it would be reset, and the program's text with it.
         let runs = self.await_state(self.settings.patience, |s| {
-            (s.runtime == RuntimeState::Playing && s.program == [state::HOLDS, s.program[1], session])
+            (s.runtime == RuntimeState::Playing && s.program == [program_state::HOLDS, s.program[1], session])
                 || !s.safety.lets_move()
         })?;
         match runs {
@@ -403,7 +301,7 @@ impl Arm {
         }
         let ended = |why| Err(UrError::ProgramEnded { why });
         match (s.runtime, s.program) {
-            (RuntimeState::Playing, [state::HOLDS | state::MOVES, _, session])
+            (RuntimeState::Playing, [program_state::HOLDS | program_state::MOVES, _, session])
                 if session == self.program.session =>
             {
                 Ok(())
@@ -411,8 +309,10 @@ impl Arm {
             (_, [_, _, session]) if session != self.program.session => {
                 ended("another program has taken its place")
             }
-            (_, [state::MISSED, ..]) => ended("it missed commands (`watchdog`), and has braked the arm"),
-            (_, [state::ENDED, ..]) => ended("it was asked to"),
+            (_, [program_state::MISSED, ..]) => {
+                ended("it missed commands (`watchdog`), and has braked the arm")
+            }
+            (_, [program_state::ENDED, ..]) => ended("it was asked to"),
             (RuntimeState::Paused | RuntimeState::Pausing, _) => {
                 ended("somebody has paused it on the pendant")
             }
@@ -428,10 +328,13 @@ impl Arm {
         self.count = self.count.wrapping_add(1).max(1);
         let (code, values) = match what {
             Command::Hold => (command::HOLD, [0.0; JOINTS]),
-            Command::Position(q) => (command::POSITION, q),
+            Command::Position(q) => (command::POSITION, self.approach(q)),
             Command::Velocity(qd) => (command::VELOCITY, qd),
             Command::End => (command::END, [0.0; JOINTS]),
         };
+        if !matches!(what, Command::Position(_)) {
+            self.goal = None;
+        }
         // A number that is none moves no arm.
         let code = if values.iter().all(|v| v.is_finite()) { code } else { command::HOLD };
         let (count, session) = (self.count, self.program.session);
@@ -442,6 +345,20 @@ impl Arm {
                 .put(&session.to_be_bytes())
                 .joints(&values);
         })
+    }
+
+    /// The goal, or as far on the way to it from the last one, or from the arm, as a joint comes in a cycle: where commands were late, the next one would be a jump.
+    fn approach(&mut self, q: Joints) -> Joints {
+        let Some(last) = self.last.filter(|_| q.iter().all(|v| v.is_finite())) else { return q };
+        let (then_s, from) = self.goal.unwrap_or((f64::NEG_INFINITY, last.q));
+        let passed_s = (last.robot_s - then_s).clamp(0.0, 1.0 / self.series.rate_hz());
+        let most = self.settings.fastest_rad_s * passed_s;
+        let mut goal = from;
+        for (goal, q) in goal.iter_mut().zip(&q) {
+            *goal += (q - *goal).clamp(-most, most);
+        }
+        self.goal = Some((last.robot_s, goal));
+        goal
     }
 
     /// Brakes the arm, waits for its rest, and ends the program.
@@ -461,7 +378,7 @@ impl Arm {
             }
             self.command(Command::Hold)?;
             if let Some(s) = self.next(self.settings.silence)? {
-                let holds = s.rests() && s.program[0] == state::HOLDS;
+                let holds = s.rests() && s.program[0] == program_state::HOLDS;
                 rested = if holds { rested + 1 } else { 0 };
             }
         }
@@ -510,32 +427,6 @@ impl Arm {
             }
         }
         Ok(None)
-    }
-}
-
-fn read(payload: &[u8], at: &Places, map: &mut ClockMap, arrival: i64) -> ArmState {
-    let robot_s = Recipe::double(payload, at.time);
-    ArmState {
-        stamp: map.stamp(robot_s, arrival),
-        robot_s,
-        q: Recipe::joints(payload, at.q),
-        qd: Recipe::joints(payload, at.qd),
-        mode: RobotMode::of(Recipe::int(payload, at.mode)),
-        safety: SafetyMode::of(Recipe::int(payload, at.safety)),
-        runtime: RuntimeState::of(Recipe::int(payload, at.runtime)),
-        slider: Recipe::double(payload, at.slider),
-        program: at.program.map(|place| Recipe::int(payload, place)),
-    }
-}
-
-/// That an arm can have moved so.
-fn plausible(last: &ArmState, state: &ArmState, passed_s: f64) -> Result<(), UrError> {
-    let furthest = FASTEST_RAD_S * passed_s + JUMP_RAD;
-    match last.q.iter().zip(&state.q).enumerate().find(|(_, (a, b))| (*a - *b).abs() > furthest) {
-        Some((joint, (from, to))) => Err(UrError::Nonsense {
-            what: format!("joint {} from {from:.3} to {to:.3} rad in {passed_s:.4} s", joint + 1),
-        }),
-        None => Ok(()),
     }
 }
 

@@ -218,19 +218,22 @@ fn a_second_driver_is_refused() {
     wait_until("registers that are free again", || started(settings(&robot)).is_ok());
 }
 
-/// A command of numbers that are none, or that no arm can follow, moves nothing far.
+/// A command of numbers that are none moves nothing; a jump, as of commands that were late, is approached at the speed of a joint.
 #[test]
-fn commands_that_are_none_do_not_move_the_arm() {
+fn commands_that_are_none_or_jump_do_not_stop_the_arm() {
     let robot = robot(Series::ESeries, true);
     let mut arm = started(settings(&robot)).unwrap();
     drive(&mut arm, 0.2, |_| Command::Velocity([f64::NAN; 6])).unwrap();
+    drive(&mut arm, 0.2, |_| Command::Position([f64::NAN; 6])).unwrap();
     assert_eq!(robot.arm().0, Q);
     let mut far = Q;
-    far[0] += 0.2;
-    let words = drive(&mut arm, 2.0, |_| Command::Position(far)).expect_err("sudden").to_string();
-    assert!(words.contains("protective stop"), "{words}");
-    assert!(robot.log().iter().any(|line| line.contains("sudden change")));
-    arm.abandon();
+    far[0] += 0.4;
+    far[3] -= 0.1;
+    drive(&mut arm, 1.0, |_| Command::Position(far)).unwrap();
+    let off = robot.arm().0.iter().zip(&far).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    assert!(off < 1e-3, "{off} rad");
+    assert_eq!(robot.modes().1, SafetyMode::Normal, "{:?}", robot.log());
+    arm.come_to_rest().unwrap();
     assert_at_rest(&robot);
 }
 
@@ -270,4 +273,22 @@ fn a_program_is_run_as_it_is_written() {
     let turned = robot.arm().0[5] - Q[5];
     assert!((turned - 0.3 * (0.3 - 0.05 + 0.05)).abs() < 0.01, "{turned}");
     assert_at_rest(&robot);
+}
+
+/// An emulated robot is for its machine alone.
+#[test]
+fn the_emulator_listens_on_loopback_addresses_alone() {
+    use vservo_ur::emulator::{Emulator, EmulatorSettings, StiffJoints};
+    for address in ["0.0.0.0", "192.168.1.5", "::"] {
+        let joints = Box::new(StiffJoints);
+        let settings = EmulatorSettings {
+            address: address.parse().unwrap(),
+            series: Series::Cb3,
+            q: Q,
+            running: true,
+            joints,
+        };
+        let refused = Emulator::start(settings).err().expect("a refusal");
+        assert!(refused.to_string().contains("no loopback address"), "{refused}");
+    }
 }

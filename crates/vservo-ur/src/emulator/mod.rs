@@ -237,7 +237,7 @@ impl Drop for Emulator {
     }
 }
 
-/// The controller's cycles, by the clock. Cycles that are late are made up for, one after the other, as a simulated clock would.
+/// The controller's cycles, by the clock. Cycles that are late are made up for, one after the other.
 #[allow(clippy::disallowed_methods)] // the emulator is a machine of its own
 fn run_cycles(shared: &Shared) {
     let period = Duration::from_secs_f64(shared.core().period_s());
