@@ -222,6 +222,21 @@ pub enum ProcessError {
         path = .0.display()
     )]
     NoReport(PathBuf),
+    /// A robot cannot be used, or no longer.
+    #[error(transparent)]
+    Ur(#[from] vservo_ur::UrError),
+    /// Control has sent no command to a drive for too long.
+    #[error("no command from control for {milliseconds} ms: the arm was braked, and is at rest")]
+    NoCommands {
+        /// For how long.
+        milliseconds: i64,
+    },
+    /// A robot is not simulated.
+    #[error("a robot moves by its own clock: leave --clock lockstep (run.clock) away")]
+    DriveLockstep,
+    /// A robot that is emulated cannot be.
+    #[error("cannot emulate a robot: {0}")]
+    Emulator(std::io::Error),
     /// A recording cannot be written or read.
     #[error(transparent)]
     Recording(#[from] RecordingError),
@@ -288,14 +303,14 @@ impl ProcessError {
         }
     }
 
-    /// The exit code: 3 for configuration and input files, 4 for a camera that stays away, 5 where nobody answers, 1 for everything else.
+    /// The exit code: 3 for configuration and input files, 4 for a camera that stays away or a robot that stops, 5 where nobody answers, 1 for everything else.
     #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Experiment(error) => error.exit_code(),
             Self::Source(error) if error.is_internal() => 1,
             Self::Write { cause, .. } if IsRead::is_cause_of(cause) => 2,
-            Self::CameraAway { .. } => 4,
+            Self::CameraAway { .. } | Self::Ur(_) | Self::NoCommands { .. } => 4,
             Self::Config(_)
             | Self::Source(_)
             | Self::NoSuchCamera { .. }
@@ -311,6 +326,8 @@ impl ProcessError {
             | Self::DriveMode { .. }
             | Self::DriveState { .. }
             | Self::DriveAbsent { .. }
+            | Self::DriveLockstep
+            | Self::Emulator(_)
             | Self::ForeignProgram { .. }
             | Self::Disagree { .. }
             | Self::Ipc(IpcError::Type { .. }) => 3,

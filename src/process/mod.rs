@@ -4,6 +4,7 @@
 pub mod camera;
 pub mod control;
 pub mod drive_guard;
+pub mod drive_ur;
 mod error;
 mod membership;
 mod priority;
