@@ -5,6 +5,7 @@ pub use super::calibrate::HandEyeArguments;
 use super::calibrate_arguments::{CalibrateCameraArguments, CalibrateStereoArguments};
 pub use super::camera_arguments::CameraArguments;
 use super::ctl_arguments::CtlArguments;
+use super::emulate::EmulateCommand;
 use super::explain::{ExplainArguments, ReportArguments};
 use super::place_arguments::{PlaceArguments, ViewArguments};
 use super::target::PaperArgument;
@@ -139,6 +140,12 @@ pub enum Command {
         /// How long to measure the wake-up latency, s; 0 leaves it out
         #[arg(long, value_name = "S", default_value_t = 10.0)]
         jitter_s: f64,
+    },
+    /// Be a robot that there is not: its network protocols, with a simulated arm behind them
+    Emulate {
+        /// Which
+        #[command(subcommand)]
+        what: EmulateCommand,
     },
     /// Between the supervisor and the program of an external drive
     #[command(hide = true)]

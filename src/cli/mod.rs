@@ -12,6 +12,8 @@ mod ctl_arguments;
 mod detect;
 mod do_program;
 pub mod doctor;
+mod drive_ur;
+mod emulate;
 mod explain;
 mod place;
 mod place_arguments;
@@ -39,6 +41,8 @@ pub use calibrate_arguments::{
 };
 pub use camera_arguments::{FormatArgument, SizeArgument};
 pub use ctl_arguments::{CtlArguments, CtlCommand, CtlCommon, FixedNumbers, NumberList, SettingArgument};
+pub use drive_ur::{DriveUrCli, drive_ur_main};
+pub use emulate::{EmulateCommand, EmulateUrArguments};
 pub use explain::{ExplainArguments, ReportArguments};
 pub use place_arguments::{LookArgument, PlaceArguments, ViewArguments};
 pub use record::RecordArguments;
@@ -124,6 +128,7 @@ pub fn main() -> ExitCode {
         Some(Command::DriveGuard { instance, supervised_by, command }) => {
             guard_drive(&command, &instance, supervised_by)
         }
+        Some(Command::Emulate { what }) => emulate::emulate(&what),
         Some(Command::Config { name, list }) => shipped_file::shipped_file(name.as_deref(), list),
         Some(Command::Completions { shell }) => match completion::script(&shell) {
             Ok(script) => Ok(shown(&script, 0)),

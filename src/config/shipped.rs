@@ -53,6 +53,7 @@ shipped! {
     "ur5-hybrid";
     "ur5-mujoco" needs "examples/mujoco/mujoco_drive.py", "config/robot/ur5.urdf";
     "ur5-path";
+    "ur5e-emulated";
     "xarm7";
 }
 

@@ -152,7 +152,7 @@ impl Instance {
         FsPath::new(SHARED_MEMORY).join(self.directory_name())
     }
 
-    fn directory_name(&self) -> String {
+    pub(super) fn directory_name(&self) -> String {
         format!("vservo-{}", self.name)
     }
 

@@ -25,6 +25,7 @@ mod error;
 mod frame_shape;
 mod image_ports;
 mod instance;
+mod last_words;
 mod ports;
 mod runtime_dir;
 #[cfg(test)]

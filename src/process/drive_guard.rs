@@ -12,6 +12,7 @@ use crate::rt::now;
 use crate::time::SpanNs;
 use rustix::process::{Pid, Signal, getpid, kill_process, set_parent_process_death_signal};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::path::PathBuf;
 use std::process::{Command, ExitStatus};
 use std::time::Duration;
 
@@ -44,7 +45,7 @@ pub fn run(
     let key = program_key(of_camera);
     let folder = std::env::current_dir().unwrap_or_default();
     let failed = |cause| ProcessError::ForeignProgram { key, program: program.clone(), folder, cause };
-    let mut command = Command::new(program);
+    let mut command = Command::new(beside_this_program(program));
     command.args(arguments);
     end_with_parent(&mut command);
     let mut child = command.spawn().map_err(failed)?;
@@ -71,6 +72,13 @@ pub fn run(
         }
         std::thread::sleep(PERIOD);
     }
+}
+
+/// A program without a path that lies beside this one is meant, as `vservo-drive-ur` does wherever it is installed; others are looked for by PATH.
+fn beside_this_program(program: &str) -> PathBuf {
+    let own = std::env::current_exe().ok();
+    let beside = own.and_then(|own| Some(own.parent()?.join(program)));
+    beside.filter(|path| !program.contains('/') && path.is_file()).unwrap_or_else(|| program.into())
 }
 
 /// Ends as the program did, so that the supervisor tells the truth about it.

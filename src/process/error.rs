@@ -231,6 +231,22 @@ pub enum ProcessError {
         path = .0.display()
     )]
     NoReport(PathBuf),
+    /// A robot cannot be used, or no longer.
+    #[cfg(feature = "cli")]
+    #[error(transparent)]
+    Ur(#[from] vservo_ur::UrError),
+    /// Control has sent no command to a drive for too long.
+    #[error("no command from control for {milliseconds} ms: the arm was braked, and is at rest")]
+    NoCommands {
+        /// For how long.
+        milliseconds: i64,
+    },
+    /// A robot is not simulated.
+    #[error("a robot moves by its own clock: leave --clock lockstep (run.clock) away")]
+    DriveLockstep,
+    /// A robot that is emulated cannot be.
+    #[error("cannot emulate a robot: {0}")]
+    Emulator(std::io::Error),
     /// A recording cannot be written or read.
     #[cfg(feature = "cli")]
     #[error(transparent)]
@@ -300,7 +316,7 @@ impl ProcessError {
         }
     }
 
-    /// The exit code: 3 for configuration and input files, 4 for a camera that stays away, 5 where nobody answers, 1 for everything else.
+    /// The exit code: 3 for configuration and input files, 4 for a camera that stays away or a robot that stops, 5 where nobody answers, 1 for everything else.
     #[cfg(feature = "cli")]
     #[must_use]
     pub fn exit_code(&self) -> u8 {
@@ -308,7 +324,7 @@ impl ProcessError {
             Self::Experiment(error) => error.exit_code(),
             Self::Source(error) if error.is_internal() => 1,
             Self::Write { cause, .. } if IsRead::is_cause_of(cause) => 2,
-            Self::CameraAway { .. } => 4,
+            Self::CameraAway { .. } | Self::Ur(_) | Self::NoCommands { .. } => 4,
             Self::Config(_)
             | Self::Source(_)
             | Self::NoSuchCamera { .. }
@@ -324,6 +340,8 @@ impl ProcessError {
             | Self::DriveMode { .. }
             | Self::DriveState { .. }
             | Self::DriveAbsent { .. }
+            | Self::DriveLockstep
+            | Self::Emulator(_)
             | Self::ForeignProgram { .. }
             | Self::Disagree { .. }
             | Self::Ipc(IpcError::Type { .. }) => 3,

@@ -14,6 +14,7 @@ mod detect_and_print;
 #[path = "../common/drive.rs"]
 mod drive;
 mod drive_imperfections;
+mod drive_ur;
 mod dry_run;
 mod experiments;
 mod explain;

@@ -16,6 +16,7 @@ mod reap;
 use super::{ProcessError, ReportFolder, StopFlag, seeing_roles, shape_of};
 use crate::config::Config;
 use crate::control::outcome::Outcome;
+use crate::input::printable;
 use crate::ipc::{Instance, InstanceError, Receiver, Role, SPACE_BESIDE_FRAMES_BYTES, Services};
 use crate::messages::Status;
 use crate::report::summary::Summary;
@@ -126,6 +127,7 @@ fn supervise(
         let services = Services::join(instance).ok();
         let status = services.as_ref().and_then(|s| s.status_receiver().ok());
         let mut watch = Watch {
+            instance: instance.clone(),
             status,
             progress: Progress::new(config.serve),
             hang_watch: HangWatch::new(instance, config.clock, seeing_roles(config), now()),
@@ -140,6 +142,13 @@ fn supervise(
         (failure, end)
     };
     let mut end = conclude(config, failure, end, now() - start);
+    // Control may have ended first: then it knows that the drive has left, but not why.
+    if let Some(words) = instance.words_of_drive().filter(|_| end.summary.outcome == Outcome::Fault) {
+        let words = printable(&words).to_string();
+        if !end.summary.reason.contains(&words) {
+            end.summary.reason = format!("{}: {words}", end.summary.reason);
+        }
+    }
     end.summary.processes = children.usages();
     Ok(end)
 }
@@ -159,8 +168,9 @@ struct Failure {
 }
 
 impl Failure {
-    fn ended(role: Role, end: ProcessEnd) -> Self {
-        let how = format!("the {role} process ended in the middle of the run: {end}");
+    fn ended(role: Role, end: ProcessEnd, words: Option<String>) -> Self {
+        let why = words.map_or(String::new(), |words| format!(": {}", printable(&words)));
+        let how = format!("the {role} process ended in the middle of the run: {end}{why}");
         Self { how, exit_code: end.exit_code() }
     }
 
@@ -172,6 +182,7 @@ impl Failure {
 
 /// What is seen of a run while it goes on.
 struct Watch {
+    instance: Instance,
     status: Option<Receiver<Status>>,
     progress: Progress,
     hang_watch: HangWatch,
@@ -207,7 +218,8 @@ impl Watch {
                 !leaves || now() - *drive_left.get_or_insert_with(now) > DRIVE_LEAVES
             });
             if let Some((role, end)) = ended.next() {
-                break Some(Failure::ended(role, end));
+                let words = if role == Role::Drive { self.instance.words_of_drive() } else { None };
+                break Some(Failure::ended(role, end, words));
             }
             if let Some((role, silent)) = silent {
                 break Some(Failure::hangs(role, silent));

@@ -1,0 +1,436 @@
+//! A robot that is commanded: from the first look at it to its rest.
+//!
+//! ```text
+//! connect ─► make_ready (power, brakes: only where allowed) ─► start ─► next, command, next, ... ─► come_to_rest
+//!                   │ refuses in words                            │ a fault, in words: the program brakes by itself
+//! ```
+
+mod state;
+
+pub use state::{ArmSettings, ArmState, Command};
+
+use crate::clock_map::ClockMap;
+use crate::dashboard::Dashboard;
+use crate::program::{self, ProgramSettings, command, state as program_state};
+use crate::robot::{RobotMode, RuntimeState, Series, Version};
+use crate::rtde::{DataType, Recipe, RtdeClient, RtdeSettings, nanoseconds};
+use crate::{Clock, JOINTS, Joints, UrError};
+use state::{Places, plausible, read};
+use std::io::Write;
+use std::net::{SocketAddr, TcpStream};
+use std::time::Duration;
+
+/// States in a row whose time does not go on before that is a fault. Chosen by hand: 20 ms at 500 Hz.
+const STANDING: u32 = 10;
+/// Longest wait for rest. Chosen by hand: 3 rad/s at the 4 rad/s2 of `stopj` take 0.8 s.
+const REST: Duration = Duration::from_secs(3);
+/// Longest time for the motors to get power, and for the brakes to open. Chosen by hand: an e-Series boots in half a minute.
+const POWER: Duration = Duration::from_secs(60);
+const BRAKES: Duration = Duration::from_secs(20);
+/// A slider below this share slows the arm. Chosen by hand, for rounding.
+const SLIDER: f64 = 0.999;
+
+/// A robot.
+#[derive(Debug)]
+pub struct Arm {
+    settings: ArmSettings,
+    rtde: RtdeClient,
+    series: Series,
+    outputs: Recipe,
+    inputs: Recipe,
+    places: Places,
+    program: ProgramSettings,
+    clock_map: ClockMap,
+    count: i32,
+    /// The positions that were commanded last, and when by the robot's clock.
+    goal: Option<(f64, Joints)>,
+    last: Option<ArmState>,
+    standing: u32,
+    /// States that were not there when they were due, by the controller's time.
+    gaps: u64,
+    /// Whether the program runs.
+    started: bool,
+}
+
+impl Arm {
+    /// Connects to a robot, and takes its first state. Nothing moves, and nothing is switched.
+    ///
+    /// # Errors
+    /// When there is none, or not one that this driver can talk to.
+    pub fn connect(settings: ArmSettings) -> Result<Self, UrError> {
+        let mut wire = RtdeSettings::new(settings.host, settings.clock);
+        wire.patience = settings.patience;
+        let mut rtde = RtdeClient::connect(wire)?;
+        let version = rtde.version();
+        let series = version.series().ok_or(UrError::TooOld { version })?;
+        if settings.registers >= 24 && !version.has_upper_registers() {
+            return Err(UrError::TooOld { version });
+        }
+        let program = ProgramSettings {
+            registers: settings.registers,
+            series,
+            session: session(settings.clock),
+            lookahead_s: settings.lookahead_s,
+            gain: settings.gain,
+            speed_acceleration_rad_s2: settings.speed_acceleration_rad_s2,
+            stop_deceleration_rad_s2: settings.stop_deceleration_rad_s2,
+            watchdog: settings.watchdog,
+        };
+        let (outputs, places) = Self::set_up_outputs(&mut rtde, &program, series)?;
+        let inputs = rtde.set_up_inputs(&program.inputs())?;
+        rtde.start()?;
+        let mut arm = Self {
+            settings,
+            rtde,
+            series,
+            outputs,
+            inputs,
+            places,
+            program,
+            clock_map: ClockMap::default(),
+            count: 0,
+            goal: None,
+            last: None,
+            standing: 0,
+            gaps: 0,
+            started: false,
+        };
+        // What the registers hold of another session must not be there when a program of that session should still run.
+        arm.command(Command::Hold)?;
+        arm.await_state(settings.patience, |_| true)?.ok_or(UrError::NotStarted)?;
+        Ok(arm)
+    }
+
+    fn set_up_outputs(
+        rtde: &mut RtdeClient,
+        program: &ProgramSettings,
+        series: Series,
+    ) -> Result<(Recipe, Places), UrError> {
+        use DataType::{Double, Int32, Uint32, Vector6D};
+        let names = [
+            ("timestamp".to_owned(), Double),
+            ("actual_q".to_owned(), Vector6D),
+            ("actual_qd".to_owned(), Vector6D),
+            ("robot_mode".to_owned(), Int32),
+            ("safety_mode".to_owned(), Int32),
+            ("runtime_state".to_owned(), Uint32),
+            ("target_speed_fraction".to_owned(), Double),
+            (program.output(0), Int32),
+            (program.output(1), Int32),
+            (program.output(2), Int32),
+        ];
+        let asked: Vec<String> = names.iter().map(|(name, _)| name.clone()).collect();
+        let outputs = rtde.set_up_outputs(&asked, series.rate_hz())?;
+        let mut found = [0; 10];
+        let mut missing = Vec::new();
+        for ((name, kind), place) in names.iter().zip(&mut found) {
+            match outputs.place(name, *kind) {
+                Some(at) => *place = at,
+                None => missing.push(name.clone()),
+            }
+        }
+        if !missing.is_empty() {
+            return Err(UrError::NotFound { names: missing, version: rtde.version() });
+        }
+        let [time, q, qd, mode, safety, runtime, slider, p0, p1, p2] = found;
+        Ok((outputs, Places { time, q, qd, mode, safety, runtime, slider, program: [p0, p1, p2] }))
+    }
+
+    /// Version of the controller's software.
+    #[must_use]
+    pub fn version(&self) -> Version {
+        self.rtde.version()
+    }
+
+    /// Its series.
+    #[must_use]
+    pub fn series(&self) -> Series {
+        self.series
+    }
+
+    /// The newest state.
+    #[must_use]
+    pub fn last(&self) -> Option<&ArmState> {
+        self.last.as_ref()
+    }
+
+    /// States that were missing between others, and the longest delay of one beyond the least, ns.
+    #[must_use]
+    pub fn missed(&self) -> (u64, i64) {
+        (self.gaps, self.clock_map.longest_delay_ns())
+    }
+
+    /// Sees to it that the arm may move: refuses in words what somebody must see to. With `enable` the motors get power and the brakes are opened;
+    /// a stop is never unlocked here.
+    ///
+    /// # Errors
+    /// When the robot is stopped, not powered, slowed down, or not under remote control.
+    pub fn make_ready(&mut self, enable: bool) -> Result<(), UrError> {
+        let state = self.newest()?;
+        if !state.safety.lets_move() {
+            return Err(UrError::Stopped { safety: state.safety });
+        }
+        if state.mode != RobotMode::Running {
+            if !enable {
+                return Err(UrError::NotRunning { mode: state.mode });
+            }
+            self.enable()?;
+        }
+        let state = self.newest()?;
+        if state.slider < SLIDER {
+            return Err(UrError::SpeedSlider { percent: 100.0 * state.slider });
+        }
+        let mut dashboard =
+            Dashboard::connect(self.settings.host, self.settings.patience, self.settings.clock)?;
+        if !dashboard.is_under_remote_control(self.series)? {
+            return Err(UrError::LocalControl);
+        }
+        Ok(())
+    }
+
+    fn enable(&mut self) -> Result<(), UrError> {
+        let mut dashboard =
+            Dashboard::connect(self.settings.host, self.settings.patience, self.settings.clock)?;
+        let not_idle = |s: &ArmState| !matches!(s.mode, RobotMode::Idle | RobotMode::Running);
+        if self.last.as_ref().is_some_and(not_idle) {
+            dashboard.power_on()?;
+            self.await_mode(POWER, "off", "power", |mode| {
+                mode == RobotMode::Idle || mode == RobotMode::Running
+            })?;
+        }
+        if self.last.is_some_and(|s| s.mode != RobotMode::Running) {
+            dashboard.release_brakes()?;
+            self.await_mode(BRAKES, "closed brakes", "open ones", |mode| mode == RobotMode::Running)?;
+        }
+        Ok(())
+    }
+
+    fn await_mode(
+        &mut self,
+        patience: Duration,
+        from: &'static str,
+        to: &'static str,
+        is: impl Fn(RobotMode) -> bool,
+    ) -> Result<(), UrError> {
+        let found = self.await_state(patience, |s| is(s.mode) || !s.safety.lets_move())?;
+        match found.or(self.last) {
+            Some(s) if !s.safety.lets_move() => Err(UrError::Stopped { safety: s.safety }),
+            Some(s) if is(s.mode) => Ok(()),
+            Some(ArmState { mode, safety, .. }) => {
+                Err(UrError::NotEnabled { from, to, seconds: patience.as_secs_f64(), mode, safety })
+            }
+            None => Err(UrError::NotStarted),
+        }
+    }
+
+    /// Sends the program, and waits until it runs.
+    ///
+    /// # Errors
+    /// When the controller does not run it.
+    pub fn start(&mut self) -> Result<(), UrError> {
+        self.command(Command::Hold)?;
+        let address = SocketAddr::new(self.settings.host, program::PORT);
+        let failed = |cause| UrError::Connect {
+            what: "the robot's interface for programs",
+            address: address.to_string(),
+            cause,
+        };
+        let mut stream = TcpStream::connect_timeout(&address, self.settings.patience).map_err(failed)?;
+        stream.set_write_timeout(Some(self.settings.patience)).map_err(failed)?;
+        stream.write_all(self.program.text().as_bytes()).map_err(failed)?;
+        let session = self.program.session;
+        // The stream stays open until the program runs: closed with states unread it would be reset, and the program's text with it.
+        let runs = self.await_state(self.settings.patience, |s| {
+            (s.runtime == RuntimeState::Playing && s.program == [program_state::HOLDS, s.program[1], session])
+                || !s.safety.lets_move()
+        })?;
+        match runs {
+            Some(s) if !s.safety.lets_move() => Err(UrError::Stopped { safety: s.safety }),
+            Some(_) => {
+                self.started = true;
+                Ok(())
+            }
+            None => Err(UrError::ProgramNotStarted { seconds: self.settings.patience.as_secs_f64() }),
+        }
+    }
+
+    /// The next state, what waits already, or what comes within `wait`; none when nothing came. While the program runs, whatever ends it is told as the error.
+    ///
+    /// # Errors
+    /// When the robot is stopped, lost, or not what it should be.
+    pub fn next(&mut self, wait: Duration) -> Result<Option<ArmState>, UrError> {
+        let (places, map) = (self.places, &mut self.clock_map);
+        let Some(state) =
+            self.rtde.data(&self.outputs, wait, |payload, arrival| read(payload, &places, map, arrival))?
+        else {
+            let last = self.last.map_or(0, |s| s.stamp);
+            let quiet = (self.settings.clock)() - last;
+            // Chosen by the caller: `silence`. Before the first state nothing is missed.
+            if self.last.is_some() && quiet > nanoseconds(self.settings.silence) {
+                return Err(UrError::StatesStopped { milliseconds: quiet / 1_000_000 });
+            }
+            return Ok(None);
+        };
+        if !state.q.iter().chain(&state.qd).chain([&state.robot_s]).all(|v| v.is_finite()) {
+            return Err(UrError::Nonsense { what: "a value is not finite".into() });
+        }
+        if let Some(last) = self.last {
+            if state.robot_s <= last.robot_s {
+                self.standing += 1;
+                return if self.standing < STANDING { Ok(None) } else { Err(UrError::TimeStands) };
+            }
+            let passed = state.robot_s - last.robot_s;
+            self.gaps += ((passed * self.series.rate_hz()).round() as u64).saturating_sub(1);
+            plausible(&last, &state, passed)?;
+        }
+        self.standing = 0;
+        self.last = Some(state);
+        if self.started {
+            self.running(&state)?;
+        }
+        Ok(Some(state))
+    }
+
+    /// Whether the program still moves the arm; why not.
+    fn running(&self, s: &ArmState) -> Result<(), UrError> {
+        if !s.safety.lets_move() {
+            return Err(UrError::StoppedInMotion { safety: s.safety });
+        }
+        if s.mode != RobotMode::Running {
+            return Err(UrError::PoweredDown { mode: s.mode });
+        }
+        let ended = |why| Err(UrError::ProgramEnded { why });
+        match (s.runtime, s.program) {
+            (RuntimeState::Playing, [program_state::HOLDS | program_state::MOVES, _, session])
+                if session == self.program.session =>
+            {
+                Ok(())
+            }
+            (_, [_, _, session]) if session != self.program.session => {
+                ended("another program has taken its place")
+            }
+            (_, [program_state::MISSED, ..]) => {
+                ended("it missed commands (`watchdog`), and has braked the arm")
+            }
+            (_, [program_state::ENDED, ..]) => ended("it was asked to"),
+            (RuntimeState::Paused | RuntimeState::Pausing, _) => {
+                ended("somebody has paused it on the pendant")
+            }
+            _ => ended("somebody has stopped it, or the controller has, whose log tells why"),
+        }
+    }
+
+    /// Sends a command, which holds until the next, and at most for the watchdog's time.
+    ///
+    /// # Errors
+    /// When the connection is lost.
+    pub fn command(&mut self, what: Command) -> Result<(), UrError> {
+        self.count = self.count.wrapping_add(1).max(1);
+        let (code, values) = match what {
+            Command::Hold => (command::HOLD, [0.0; JOINTS]),
+            Command::Position(q) => (command::POSITION, self.approach(q)),
+            Command::Velocity(qd) => (command::VELOCITY, qd),
+            Command::End => (command::END, [0.0; JOINTS]),
+        };
+        if !matches!(what, Command::Position(_)) {
+            self.goal = None;
+        }
+        // A number that is none moves no arm.
+        let code = if values.iter().all(|v| v.is_finite()) { code } else { command::HOLD };
+        let (count, session) = (self.count, self.program.session);
+        self.rtde.send(&self.inputs, |writer| {
+            writer
+                .put(&code.to_be_bytes())
+                .put(&count.to_be_bytes())
+                .put(&session.to_be_bytes())
+                .joints(&values);
+        })
+    }
+
+    /// The goal, or as far on the way to it from the last one, or from the arm, as a joint comes in a cycle: where commands were late, the next one would be a jump.
+    fn approach(&mut self, q: Joints) -> Joints {
+        let Some(last) = self.last.filter(|_| q.iter().all(|v| v.is_finite())) else { return q };
+        let (then_s, from) = self.goal.unwrap_or((f64::NEG_INFINITY, last.q));
+        let passed_s = (last.robot_s - then_s).clamp(0.0, 1.0 / self.series.rate_hz());
+        let most = self.settings.fastest_rad_s * passed_s;
+        let mut goal = from;
+        for (goal, q) in goal.iter_mut().zip(&q) {
+            *goal += (q - *goal).clamp(-most, most);
+        }
+        self.goal = Some((last.robot_s, goal));
+        goal
+    }
+
+    /// Brakes the arm, waits for its rest, and ends the program.
+    ///
+    /// # Errors
+    /// When it does not come to rest, or whatever stops it before.
+    pub fn come_to_rest(&mut self) -> Result<(), UrError> {
+        if !self.started {
+            return Ok(());
+        }
+        let clock = self.settings.clock;
+        let deadline = clock() + nanoseconds(REST);
+        let mut rested = 0;
+        while rested < STANDING {
+            if clock() > deadline {
+                return Err(UrError::NotAtRest { seconds: REST.as_secs_f64() });
+            }
+            self.command(Command::Hold)?;
+            if let Some(s) = self.next(self.settings.silence)? {
+                let holds = s.rests() && s.program[0] == program_state::HOLDS;
+                rested = if holds { rested + 1 } else { 0 };
+            }
+        }
+        self.started = false;
+        self.command(Command::End)?;
+        self.await_state(self.settings.patience, |s| s.runtime != RuntimeState::Playing)?;
+        Ok(())
+    }
+
+    /// After a fault: whatever can still be done so that the arm stands and no program waits to go on. What fails here, the program's watchdog does.
+    pub fn abandon(&mut self) {
+        if !std::mem::take(&mut self.started) {
+            return;
+        }
+        let _ = self.command(Command::End);
+        // Chosen by hand: the arm brakes by itself meanwhile, and whoever waits for the end of this process does not wait long.
+        let patience = self.settings.patience.min(Duration::from_secs(1));
+        if let Ok(mut dashboard) = Dashboard::connect(self.settings.host, patience, self.settings.clock) {
+            let _ = dashboard.stop_program();
+        }
+    }
+
+    /// The newest of what has come, or the next.
+    fn newest(&mut self) -> Result<ArmState, UrError> {
+        while self.next(Duration::ZERO)?.is_some() {}
+        self.await_state(self.settings.patience, |_| true)?.or(self.last).ok_or(UrError::NotStarted)
+    }
+
+    /// Waits for a state that is so; none when there is none in time. Holds the arm meanwhile.
+    fn await_state(
+        &mut self,
+        patience: Duration,
+        is: impl Fn(&ArmState) -> bool,
+    ) -> Result<Option<ArmState>, UrError> {
+        let clock = self.settings.clock;
+        let deadline = clock() + nanoseconds(patience);
+        while clock() < deadline {
+            // Chosen by hand: some cycles of either series.
+            if let Some(state) = self.next(Duration::from_millis(20))? {
+                if is(&state) {
+                    return Ok(Some(state));
+                }
+                if !self.started {
+                    self.command(Command::Hold)?;
+                }
+            }
+        }
+        Ok(None)
+    }
+}
+
+/// A number that the last sessions did not have: microseconds of the clock, as far as they fit.
+fn session(clock: Clock) -> i32 {
+    ((clock() / 1000) % i64::from(i32::MAX)).max(1) as i32
+}

@@ -1,0 +1,149 @@
+//! What an arm is told to be, and what it tells: settings, commands, states.
+
+use crate::clock_map::ClockMap;
+use crate::robot::{RobotMode, RuntimeState, SafetyMode};
+use crate::rtde::Recipe;
+use crate::{Clock, Joints, UrError};
+use std::net::IpAddr;
+use std::time::Duration;
+
+/// Fastest that a joint of any of these arms turns, rad/s: twice the 360 degrees a second of a UR3's wrist, by the maker's data sheets, so that a
+/// disturbed reading of time is none.
+const FASTEST_RAD_S: f64 = 4.0 * std::f64::consts::PI;
+/// What a reading may jump by beside that, rad. Chosen by hand: far more than an encoder's noise, far less than a lost turn.
+const JUMP_RAD: f64 = 0.05;
+/// A joint slower than this rests, rad/s. Chosen by hand: above the noise of velocities, and a hundredth of a degree in 0.1 s.
+const REST_RAD_S: f64 = 2e-3;
+
+/// Which robot, and how it is moved.
+#[derive(Debug, Clone, Copy)]
+pub struct ArmSettings {
+    /// The controller's address.
+    pub host: IpAddr,
+    /// Reads the caller's clock.
+    pub clock: Clock,
+    /// The first register, 24 or 0.
+    pub registers: u8,
+    /// `lookahead_time` of `servoj`, s.
+    pub lookahead_s: f64,
+    /// `gain` of `servoj`.
+    pub gain: f64,
+    /// Acceleration of `speedj`, rad/s2.
+    pub speed_acceleration_rad_s2: f64,
+    /// Deceleration of `stopj`, rad/s2.
+    pub stop_deceleration_rad_s2: f64,
+    /// Fastest that commanded positions move, rad/s: where commands were late, the next one is approached so fast instead of at once.
+    pub fastest_rad_s: f64,
+    /// How long the robot goes on without a new command.
+    pub watchdog: Duration,
+    /// Longest wait for an answer.
+    pub patience: Duration,
+    /// Longest time without a state.
+    pub silence: Duration,
+}
+
+impl ArmSettings {
+    /// A robot with the usual settings: the quickest `servoj` that the maker's documentation allows; 40 rad/s2 are the most that it allows `speedj`, because control
+    /// limits accelerations itself; 180 degrees a second are the speed of most joints by the maker's data sheets; `stopj` with the 4 rad/s2 that the maker's own client has; the times are chosen by hand: 0.1 s without a command are
+    /// fifty lost cycles, and 0.1 rad at 1 rad/s.
+    #[must_use]
+    pub fn new(host: IpAddr, clock: Clock) -> Self {
+        Self {
+            host,
+            clock,
+            registers: 24,
+            lookahead_s: 0.03,
+            gain: 2000.0,
+            speed_acceleration_rad_s2: 40.0,
+            stop_deceleration_rad_s2: 4.0,
+            fastest_rad_s: std::f64::consts::PI,
+            watchdog: Duration::from_millis(100),
+            patience: Duration::from_secs(5),
+            silence: Duration::from_millis(100),
+        }
+    }
+}
+
+/// What the arm shall do until the next command.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Command {
+    /// Brake, and stay.
+    Hold,
+    /// Go to these positions, rad.
+    Position(Joints),
+    /// Move with these velocities, rad/s.
+    Velocity(Joints),
+    /// Brake, and end the program.
+    End,
+}
+
+/// A state of the robot.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ArmState {
+    /// When it was sampled, by the caller's clock, ns.
+    pub stamp: i64,
+    /// The same by the controller's clock, s.
+    pub robot_s: f64,
+    /// Measured positions, rad.
+    pub q: Joints,
+    /// Measured velocities, rad/s.
+    pub qd: Joints,
+    /// Mode of the robot.
+    pub mode: RobotMode,
+    /// Mode of its safety system.
+    pub safety: SafetyMode,
+    /// What its program does, by the controller.
+    pub runtime: RuntimeState,
+    /// The speed slider, 0 to 1.
+    pub slider: f64,
+    /// Registers of the program: what it does, the count that it obeys, its session.
+    pub program: [i32; 3],
+}
+
+impl ArmState {
+    /// Whether no joint moves.
+    #[must_use]
+    pub fn rests(&self) -> bool {
+        self.qd.iter().all(|v| v.abs() < REST_RAD_S)
+    }
+}
+
+/// Places of what is read, in the payload of a state.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Places {
+    pub(super) time: usize,
+    pub(super) q: usize,
+    pub(super) qd: usize,
+    pub(super) mode: usize,
+    pub(super) safety: usize,
+    pub(super) runtime: usize,
+    pub(super) slider: usize,
+    pub(super) program: [usize; 3],
+}
+
+/// A state of the payload of a package that came at `arrival`, ns.
+pub(super) fn read(payload: &[u8], at: &Places, map: &mut ClockMap, arrival: i64) -> ArmState {
+    let robot_s = Recipe::double(payload, at.time);
+    ArmState {
+        stamp: map.stamp(robot_s, arrival),
+        robot_s,
+        q: Recipe::joints(payload, at.q),
+        qd: Recipe::joints(payload, at.qd),
+        mode: RobotMode::of(Recipe::int(payload, at.mode)),
+        safety: SafetyMode::of(Recipe::int(payload, at.safety)),
+        runtime: RuntimeState::of(Recipe::int(payload, at.runtime)),
+        slider: Recipe::double(payload, at.slider),
+        program: at.program.map(|place| Recipe::int(payload, place)),
+    }
+}
+
+/// That an arm can have moved so.
+pub(super) fn plausible(last: &ArmState, state: &ArmState, passed_s: f64) -> Result<(), UrError> {
+    let furthest = FASTEST_RAD_S * passed_s + JUMP_RAD;
+    match last.q.iter().zip(&state.q).enumerate().find(|(_, (a, b))| (*a - *b).abs() > furthest) {
+        Some((joint, (from, to))) => Err(UrError::Nonsense {
+            what: format!("joint {} from {from:.3} to {to:.3} rad in {passed_s:.4} s", joint + 1),
+        }),
+        None => Ok(()),
+    }
+}

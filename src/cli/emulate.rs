@@ -1,0 +1,135 @@
+//! `vservo emulate`: a robot that there is not, for whoever wants to see the whole way without one.
+
+use crate::config::Config;
+use crate::config::assemble::{AssembleError, q_start, simulated_settings};
+use crate::drive::{CommandMode, Drive, DriveCommand, SimulatedDrive};
+use crate::process::{ProcessError, StopFlag};
+use crate::rt::{now, tell};
+use crate::time::{MonoNs, SpanNs, TICK};
+use clap::{Args, Subcommand, ValueEnum};
+use nalgebra::SVector;
+use std::net::IpAddr;
+use std::path::PathBuf;
+use std::time::Duration;
+use vservo_ur::emulator::{Emulator, EmulatorSettings, Fault, JointModel};
+use vservo_ur::{JOINTS, Joints, Series};
+
+/// Robots that can be emulated.
+#[derive(Debug, Subcommand)]
+pub enum EmulateCommand {
+    /// An arm of Universal Robots: RTDE, dashboard, and programs, on loopback addresses alone
+    Ur(EmulateUrArguments),
+}
+
+/// Series of Universal Robots.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum UrSeries {
+    /// 500 Hz
+    ESeries,
+    /// 125 Hz
+    Cb3,
+}
+
+/// `vservo emulate ur`.
+#[derive(Debug, Args)]
+pub struct EmulateUrArguments {
+    /// Run file, or the name of a shipped one, with the arm that stands behind the controller
+    #[arg(default_value = "ur5e-emulated")]
+    pub config: PathBuf,
+    /// Change one value first; may be repeated
+    #[arg(long, value_name = "key.path=value")]
+    pub set: Vec<String>,
+    /// The controller's series
+    #[arg(long, value_enum, default_value_t = UrSeries::ESeries)]
+    pub series: UrSeries,
+    /// A loopback address; each has ports of its own
+    #[arg(long, value_name = "IP", default_value = "127.0.0.1")]
+    pub address: IpAddr,
+    /// Where the arm stands, rad, separated by commas; the run file's start where it is left out
+    #[arg(long, value_name = "Q1,..,Q6", value_delimiter = ',', allow_hyphen_values = true)]
+    pub start: Vec<f64>,
+    /// Powered off, as after switching on; else it runs, its brakes open
+    #[arg(long)]
+    pub off: bool,
+    /// What goes wrong, and when, s after the start: for example protective-stop@12.5; may be repeated
+    #[arg(long, value_name = "FAULT@S", value_parser = fault)]
+    pub fault: Vec<(Fault, f64)>,
+}
+
+fn fault(text: &str) -> Result<(Fault, f64), String> {
+    let (word, time) = text.split_once('@').unwrap_or((text, "0"));
+    let seconds: f64 = time.parse().map_err(|_| format!("`{time}` is no time"))?;
+    Ok((word.parse()?, seconds))
+}
+
+/// Emulates a robot until a stop is requested.
+pub(super) fn emulate(what: &EmulateCommand) -> Result<u8, ProcessError> {
+    let EmulateCommand::Ur(arguments) = what;
+    let stop = StopFlag::on_signals()?;
+    let config = Config::load(Some(&arguments.config), &arguments.set)?;
+    let mut settings = simulated_settings::<JOINTS>(&config)?;
+    settings.mode = CommandMode::Position;
+    let robot = config.robot.build::<JOINTS>()?;
+    let mut q: SVector<f64, JOINTS> = q_start(&config)?;
+    for (to, from) in q.iter_mut().zip(&arguments.start) {
+        *to = *from;
+    }
+    let drive = SimulatedDrive::new(robot, q, settings).map_err(AssembleError::from)?;
+    let joints = SimulatedJoints { drive, time: MonoNs::ZERO, q };
+    let series = match arguments.series {
+        UrSeries::ESeries => Series::ESeries,
+        UrSeries::Cb3 => Series::Cb3,
+    };
+    let emulator = Emulator::start(EmulatorSettings {
+        address: arguments.address,
+        series,
+        q: q.into(),
+        running: !arguments.off,
+        joints: Box::new(joints),
+    })
+    .map_err(ProcessError::Emulator)?;
+    tell(format_args!("a robot that is none listens on {}, for this machine alone", emulator.address()));
+    let start = now();
+    let mut faults = arguments.fault.clone();
+    while !stop.is_requested() {
+        faults.retain(|(fault, after_s)| {
+            let due = (now() - start).as_s() >= *after_s;
+            if due {
+                tell(format_args!("now: {fault:?}"));
+                emulator.inject(*fault);
+            }
+            !due
+        });
+        for line in emulator.log() {
+            tell(format_args!("controller: {}", crate::input::printable(&line)));
+        }
+        // Chosen by hand: nobody notices it.
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    Ok(0)
+}
+
+/// The crate's own simulated arm, its motors in a position loop, behind an emulated controller. Between the controller's cycles the loop gets interpolated references, as motors do.
+struct SimulatedJoints {
+    drive: SimulatedDrive<JOINTS>,
+    time: MonoNs,
+    /// The last reference, rad.
+    q: SVector<f64, JOINTS>,
+}
+
+impl JointModel for SimulatedJoints {
+    fn step(&mut self, q: &Joints, qd: &Joints, dt_s: f64) -> (Joints, Joints) {
+        let (end, begin) = (self.time + SpanNs::from_s(dt_s), self.q);
+        let ticks = (SpanNs::from_s(dt_s).0 / TICK.0).max(1);
+        self.q = (*q).into();
+        for tick in 1..=ticks {
+            let q_r = begin + (self.q - begin) * (tick as f64 / ticks as f64);
+            self.drive.write(&DriveCommand { tau: SVector::zeros(), q_r, qd_r: (*qd).into() });
+            self.time = self.time + TICK;
+            self.drive.read(self.time);
+        }
+        self.time = end;
+        let state = self.drive.read(end);
+        (state.q.into(), state.qd.into())
+    }
+}

@@ -1,0 +1,54 @@
+//! Why the program of an external drive has ended: a text that it leaves in the instance's directory, for the summary of the run.
+
+use super::Instance;
+use super::runtime_dir::RuntimeDir;
+use rustix::fs::OFlags;
+use std::fs::File;
+use std::io::{Read, Write};
+
+/// The file's name.
+const WORDS: &str = "drive.txt";
+/// The most that is read of it, bytes. Chosen by hand: some sentences.
+const MOST: u64 = 2000;
+
+impl Instance {
+    /// Leaves the reason of a drive's end. What cannot be left stands on stderr all the same.
+    pub fn leave_words_of_drive(&self, words: &str) {
+        if let Ok(Some(place)) = RuntimeDir::open(&self.directory_name())
+            && let Ok(file) = place.new_file(WORDS)
+        {
+            let _ = File::from(file).write_all(words.as_bytes());
+        }
+    }
+
+    /// The reason that a drive has left, in one line.
+    #[must_use]
+    pub fn words_of_drive(&self) -> Option<String> {
+        let place = RuntimeDir::open(&self.directory_name()).ok()??;
+        let file = place.open_file(WORDS, OFlags::RDONLY).ok()??;
+        let mut bytes = Vec::new();
+        File::from(file).take(MOST).read_to_end(&mut bytes).ok()?;
+        let words = String::from_utf8_lossy(&bytes).split_whitespace().collect::<Vec<_>>().join(" ");
+        (!words.is_empty()).then_some(words)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_are_left_and_found_in_one_line() {
+        let instance: Instance = format!("words-{}", std::process::id()).parse().unwrap();
+        assert_eq!(instance.words_of_drive(), None);
+        instance.leave_words_of_drive("nowhere");
+        assert_eq!(instance.words_of_drive(), None, "there is no directory yet");
+        instance.check_place().unwrap();
+        instance.leave_words_of_drive("protective stop:\n  its \u{1b}cause\n");
+        assert_eq!(instance.words_of_drive().as_deref(), Some("protective stop: its \u{1b}cause"));
+        instance.leave_words_of_drive(" \n");
+        assert_eq!(instance.words_of_drive(), None);
+        instance.remove_leftovers(None);
+        assert!(!instance.directory().exists());
+    }
+}

@@ -1,0 +1,206 @@
+//! The drive of an arm of Universal Robots: a process of its own between control and the robot's controller.
+//!
+//! ```text
+//! drive/command (1 kHz) ─► the newest, at each state ─► registers ─► program on the robot: servoj, speedj
+//! drive/state           ◄─ each state, 500 or 125 Hz, with the time of its sample ◄─ RTDE
+//! START ─► ready? program ─► INITIAL      LAST, a stop, silence ─► braked, at rest, program ended      a fault ─► its words, exit code 4
+//! ```
+//! The robot's states set the pace: a state comes, is passed on, and the newest command goes back. Without commands for a tenth of a second the arm is braked; without
+//! this process the program on the robot does so.
+
+use super::{ProcessError, StopFlag};
+use crate::config::RealtimeRequest;
+use crate::drive::CommandMode;
+use crate::ipc::{Instance, Receiver, Sender, Services};
+use crate::messages::{DriveCommandMsg, DriveStateMsg, drive_flag};
+use crate::rt::{now, prepare_thread, tell};
+use crate::time::{MonoNs, SpanNs};
+use std::time::Duration;
+use vservo_ur::arm::ArmState;
+use vservo_ur::{Arm, ArmSettings, Command, JOINTS};
+
+/// Longest time without a command while a run goes on. Chosen by hand: a hundred ticks; control that is late by more has ended.
+const SILENCE: SpanNs = SpanNs(100_000_000);
+/// Longest wait for a state, after which requests to stop are looked at. Chosen by hand: some cycles of either series.
+const WAIT: Duration = Duration::from_millis(20);
+/// The command modes that the robot takes.
+const MODES: u32 = (1 << CommandMode::Velocity as u32) | (1 << CommandMode::Position as u32);
+
+/// Runs the drive until the run ends, whatever ends it; what it leaves is an arm at rest. Powers the arm and releases its brakes only with `enable`. Takes SCHED_FIFO
+/// of this priority where it is not 0 and can be had.
+///
+/// # Errors
+/// When the robot cannot be moved, or no longer, and when the run cannot be joined.
+pub fn run(
+    settings: ArmSettings,
+    enable: bool,
+    priority: u32,
+    instance: &Instance,
+    stop: &StopFlag,
+) -> Result<u8, ProcessError> {
+    if priority > 0 {
+        let asked = RealtimeRequest { priority, cpu: None, lock_memory: false };
+        if let Some(Err(refusal)) = prepare_thread(&asked).fifo {
+            tell(format_args!("vservo-drive-ur: normal priority (SCHED_FIFO: {refusal})"));
+        }
+    }
+    let result = drive(settings, enable, instance, stop);
+    if let Err(error) = &result {
+        instance.leave_words_of_drive(&error.to_string());
+    }
+    instance.remove_leftovers(None);
+    result
+}
+
+fn drive(
+    settings: ArmSettings,
+    enable: bool,
+    instance: &Instance,
+    stop: &StopFlag,
+) -> Result<u8, ProcessError> {
+    let arm = Arm::connect(settings)?;
+    tell(format_args!(
+        "vservo-drive-ur: robot at {}, software {}, {:.0} Hz",
+        settings.host,
+        arm.version(),
+        arm.series().rate_hz()
+    ));
+    let services = Services::join(instance)?;
+    // In this order: with both, the drive counts as present.
+    let (commands, _listener) = services.drive_command_receiver()?;
+    let states = services.drive_state_sender()?;
+    let mut link = Link { arm, commands, states, sent: 0, count: 0, run: DriveStage::Waits };
+    let result = link.serve(enable, stop);
+    if result.is_err() {
+        link.arm.abandon();
+    }
+    let (missed, delay_ns) = link.arm.missed();
+    tell(format_args!(
+        "vservo-drive-ur: {} states, {missed} missed, latest by {:.1} ms",
+        link.count,
+        SpanNs(delay_ns).as_s() * 1e3
+    ));
+    result
+}
+
+/// How far a run is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum DriveStage {
+    /// No START has come.
+    Waits,
+    /// The arm is held; no command has come since START.
+    Held,
+    /// The newest command, and when it came.
+    Obeys(Command, MonoNs),
+}
+
+struct Link {
+    arm: Arm,
+    commands: Receiver<DriveCommandMsg>,
+    states: Sender<DriveStateMsg>,
+    sent: u64,
+    count: u64,
+    run: DriveStage,
+}
+
+impl Link {
+    fn serve(&mut self, enable: bool, stop: &StopFlag) -> Result<u8, ProcessError> {
+        loop {
+            let state = self.arm.next(WAIT)?;
+            if let (Some(state), DriveStage::Held | DriveStage::Obeys(..)) = (&state, self.run) {
+                self.count += 1;
+                self.send(state, self.count, 0)?;
+            }
+            while let Some(command) = self.commands.receive()? {
+                if command.flags & drive_flag::LAST != 0 {
+                    self.arm.come_to_rest()?;
+                    return Ok(0);
+                }
+                if command.flags & drive_flag::START != 0 {
+                    self.start(&command, enable)?;
+                } else if self.run != DriveStage::Waits {
+                    self.run = DriveStage::Obeys(of_message(&command)?, now());
+                }
+            }
+            if stop.is_requested() {
+                self.arm.come_to_rest()?;
+                tell("vservo-drive-ur: a stop was requested; the arm is at rest");
+                return Ok(0);
+            }
+            let command = match self.run {
+                DriveStage::Obeys(_, since) if now() - since > SILENCE => {
+                    self.arm.come_to_rest()?;
+                    return Err(ProcessError::NoCommands { milliseconds: (now() - since).0 / 1_000_000 });
+                }
+                DriveStage::Obeys(command, _) => command,
+                DriveStage::Waits | DriveStage::Held => Command::Hold,
+            };
+            if state.is_some() {
+                self.arm.command(command)?;
+            }
+        }
+    }
+
+    /// A run begins: the program is sent, once, and the robot's state is the answer, each time.
+    fn start(&mut self, command: &DriveCommandMsg, enable: bool) -> Result<(), ProcessError> {
+        if command.flags & drive_flag::LOCKSTEP != 0 {
+            return Err(ProcessError::DriveLockstep);
+        }
+        if self.run == DriveStage::Waits {
+            self.arm.make_ready(enable)?;
+            self.arm.start()?;
+            self.run = DriveStage::Held;
+        }
+        match self.arm.last().copied() {
+            Some(state) => self.send(&state, 0, drive_flag::INITIAL),
+            None => Ok(()),
+        }
+    }
+
+    fn send(&mut self, state: &ArmState, tick: u64, flags: u32) -> Result<(), ProcessError> {
+        let mut message = DriveStateMsg {
+            tick,
+            sequence: self.sent,
+            stamp: MonoNs(state.stamp),
+            joints: JOINTS as u32,
+            modes: MODES,
+            flags,
+            ..Default::default()
+        };
+        for (to, from) in message.q.iter_mut().zip(&state.q) {
+            *to = *from;
+        }
+        for (to, from) in message.qd.iter_mut().zip(&state.qd) {
+            *to = *from;
+        }
+        self.sent += 1;
+        Ok(self.states.send(&message)?)
+    }
+}
+
+/// What the robot shall do by a command of control.
+fn of_message(message: &DriveCommandMsg) -> Result<Command, ProcessError> {
+    if message.joints as usize != JOINTS {
+        return Err(ProcessError::DriveJoints { drive: JOINTS as u32, robot: message.joints });
+    }
+    let joints = |values: &[f64]| std::array::from_fn(|i| values.get(i).copied().unwrap_or(f64::NAN));
+    match message.mode {
+        mode if mode == CommandMode::Velocity as u32 => Ok(Command::Velocity(joints(&message.qd_r))),
+        mode if mode == CommandMode::Position as u32 => Ok(Command::Position(joints(&message.q_r))),
+        // Control asks for no mode that the first state does not name.
+        _ => Ok(Command::Hold),
+    }
+}
+
+/// Unlocks a protective stop, because somebody asks for it by name.
+///
+/// # Errors
+/// When the robot's dashboard does not.
+pub fn unlock(settings: &ArmSettings) -> Result<u8, ProcessError> {
+    let patience = settings.patience;
+    let mut dashboard = vservo_ur::dashboard::Dashboard::connect(settings.host, patience, settings.clock)?;
+    dashboard.unlock_protective_stop()?;
+    let safety = dashboard.safety_status()?;
+    tell(format_args!("vservo-drive-ur: unlocked; safety status {safety}"));
+    Ok(0)
+}

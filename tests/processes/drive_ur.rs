@@ -1,0 +1,224 @@
+//! Arms of Universal Robots over the wire: control, the drive's process, and an emulated controller whose joints this test sees. Whatever ends a run leaves
+//! the arm at rest, and says why.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stdout)] // what is skipped is told
+
+use crate::common::{Instance, Run, assert_accurate, kill, number, read_summary, run, vservo, wait_until};
+use std::net::{IpAddr, Ipv4Addr};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::sync::atomic::{AtomicU8, Ordering};
+use std::time::Duration;
+use vservo_ur::emulator::{Emulator, EmulatorSettings, Fault, StiffJoints};
+use vservo_ur::{Joints, RuntimeState, SafetyMode, Series};
+
+/// Start of `ur5e-emulated`, rad.
+const START: Joints = [0.4617, -1.7204, 1.4481, -1.2809, -1.8176, 0.9664];
+
+/// A controller on a loopback address that no other test of this machine has.
+fn robot(series: Series) -> Emulator {
+    static COUNT: AtomicU8 = AtomicU8::new(1);
+    let [_, _, b, c] = std::process::id().to_be_bytes();
+    let address = Ipv4Addr::new(127, 210 + b % 40, c, COUNT.fetch_add(1, Ordering::Relaxed)).into();
+    let joints = Box::new(StiffJoints);
+    Emulator::start(EmulatorSettings { address, series, q: START, running: true, joints }).unwrap()
+}
+
+fn command(host: IpAddr, more: &[&str]) -> String {
+    let host = host.to_string();
+    // A loaded machine may keep everybody waiting, which is nothing to these tests.
+    let own = ["vservo-drive-ur", "--host", &host, "--silence-ms", "1000", "--watchdog-ms", "500"];
+    format!("drive.external.command={:?}", [&own[..], more].concat())
+}
+
+const PATIENT: [&str; 2] = ["--set", "safety.drive_timeout_ms=1000"];
+
+/// A run with this robot, to its end.
+fn run_with(test: &str, robot: &Emulator, extra: &[&str]) -> Run {
+    let command = command(robot.address(), &[]);
+    run(test, &[&["config/ur5e-emulated.toml", "--set", &command], &PATIENT[..], extra].concat())
+}
+
+/// The same, still under way.
+fn start_with(instance: &Instance, robot: &Emulator, summary: &Path) -> Child {
+    vservo()
+        .args(["run", "config/ur5e-emulated.toml", "--instance", &instance.name])
+        .args(["--set", &command(robot.address(), &[])])
+        .args(PATIENT)
+        .args(["--set", "servo.gain_1_s=0.4", "--summary"])
+        .arg(summary)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap()
+}
+
+fn assert_at_rest(robot: &Emulator) {
+    wait_until("the arm at rest, without a program", || {
+        let (q, qd) = robot.arm();
+        std::thread::sleep(Duration::from_millis(100));
+        qd == [0.0; 6] && robot.arm().0 == q && robot.modes().2 != RuntimeState::Playing
+    });
+}
+
+fn moves(robot: &Emulator) -> bool {
+    robot.arm().1.iter().any(|v| v.abs() > 0.05)
+}
+
+#[test]
+fn both_series_and_modes_converge_in_real_time() {
+    for (series, mode, lead) in [
+        (Series::ESeries, "position", "38"),
+        (Series::ESeries, "velocity", "6"),
+        (Series::Cb3, "position", "50"),
+    ] {
+        let robot = robot(series);
+        let (mode, lead) = (format!("drive.mode={mode}"), format!("servo.lead_ms={lead}"));
+        let r = run_with("urgoes", &robot, &["--set", &mode, "--set", &lead]);
+        assert_accurate(&r);
+        assert_at_rest(&robot);
+        assert_eq!(robot.modes().1, SafetyMode::Normal, "{:?}", robot.log());
+        let gone: f64 = robot.arm().0.iter().zip(&START).map(|(a, b)| (a - b).abs()).sum();
+        assert!(gone > 0.3, "{gone} rad: the arm behind the wire has moved");
+        assert!(r.text().contains("vservo-drive-ur: robot at"), "{}", r.text());
+    }
+}
+
+#[test]
+fn a_stop_of_the_robot_ends_the_run_in_its_words() {
+    for (fault, words) in [
+        (Fault::Stop(SafetyMode::ProtectiveStop), "protective stop while the arm moved"),
+        (Fault::Stop(SafetyMode::RobotEmergencyStop), "emergency stop of the robot while the arm moved"),
+        (Fault::ResetConnections, "has closed the connection"),
+        (Fault::StopProgram, "somebody has stopped it"),
+    ] {
+        let (robot, instance) = (robot(Series::ESeries), Instance::new("urstops"));
+        let folder = tempfile::tempdir().unwrap();
+        let summary = folder.path().join("summary.json");
+        let child = start_with(&instance, &robot, &summary);
+        wait_until("a moving arm", || moves(&robot));
+        robot.inject(fault);
+        let output = child.wait_with_output().unwrap();
+        let text = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(4), "{text}");
+        let reason = read_summary(&summary)["reason"].as_str().unwrap().to_owned();
+        assert!(reason.contains(words), "{fault:?}: {reason}\n{text}");
+        assert!(text.contains(words), "{text}");
+        assert_at_rest(&robot);
+        instance.assert_gone();
+    }
+}
+
+#[test]
+fn a_robot_that_may_not_move_is_refused_in_words() {
+    for (fault, words) in [
+        (Fault::PowerOff, "release its brakes on the pendant, or let the driver do so with --enable"),
+        (Fault::Stop(SafetyMode::ProtectiveStop), "it is never unlocked by itself"),
+        (Fault::LocalControl, "choose remote control on the pendant"),
+    ] {
+        let robot = robot(Series::ESeries);
+        robot.inject(fault);
+        let r = run_with("urrefused", &robot, &[]);
+        assert_eq!(r.output.status.code(), Some(4), "{}", r.text());
+        assert!(r.summary["reason"].as_str().unwrap().contains(words), "{}", r.summary);
+        assert_eq!(robot.arm().0, START);
+    }
+    let robot = robot(Series::ESeries);
+    let r = run_with("urlockstep", &robot, &["--clock", "lockstep"]);
+    assert!(r.text().contains("a robot moves by its own clock"), "{}", r.text());
+    assert_eq!(robot.arm().0, START);
+}
+
+/// Whoever goes, in whatever way, leaves an arm at rest: control brakes it, or the drive does, or the robot itself.
+#[test]
+fn a_run_that_is_stopped_or_killed_leaves_the_arm_at_rest() {
+    for who in ["stop", "supervisor", "drive", "control"] {
+        let (robot, instance) = (robot(Series::ESeries), Instance::new("urkilled"));
+        let folder = tempfile::tempdir().unwrap();
+        let summary = folder.path().join("summary.json");
+        let mut child = start_with(&instance, &robot, &summary);
+        wait_until("a moving arm", || moves(&robot));
+        match who {
+            "stop" => kill(child.id() as i32, "INT"),
+            "supervisor" => kill(child.id() as i32, "KILL"),
+            "drive" => kill(process_of(&instance, "vservo-drive-ur"), "KILL"),
+            _ => kill(process_of(&instance, "control"), "KILL"),
+        }
+        let status = child.wait().unwrap();
+        if who == "stop" {
+            assert_eq!(read_summary(&summary)["outcome"], "stopped");
+        } else {
+            assert_ne!(status.code(), Some(0), "{who}");
+        }
+        assert_at_rest(&robot);
+        assert_eq!(robot.modes().1, SafetyMode::Normal, "{who}: {:?}", robot.log());
+        wait_until("the end of everybody", || {
+            !Path::new(&format!("/dev/shm/vservo-{}", instance.name)).exists()
+        });
+    }
+}
+
+/// The process of an instance whose arguments hold this word.
+fn process_of(instance: &Instance, word: &str) -> i32 {
+    let found = std::fs::read_dir("/proc").unwrap().flatten().find_map(|entry| {
+        let id: i32 = entry.file_name().to_str()?.parse().ok()?;
+        let line = std::fs::read(entry.path().join("cmdline")).ok()?;
+        let environment = std::fs::read(entry.path().join("environ")).unwrap_or_default();
+        let words: Vec<_> = line.split(|b| *b == 0).map(String::from_utf8_lossy).collect();
+        let names = |word: &str| words.iter().any(|w| w.ends_with(word));
+        let ours = words.iter().any(|w| *w == instance.name)
+            || String::from_utf8_lossy(&environment)
+                .contains(&format!("VSERVO_INSTANCE={}\0", instance.name));
+        (names(word) && ours && !names("drive-guard")).then_some(id)
+    });
+    found.expect(word)
+}
+
+/// A client that is nobody's here, `ur_rtde`, against the emulator: states at full rate, servoJ and speedJ that move the arm.
+#[test]
+fn ur_rtde_receives_and_moves() {
+    let python = std::env::var("VSERVO_PYTHON").unwrap_or_else(|_| "python3".into());
+    let there = Command::new(&python).args(["-c", "import rtde_receive, rtde_control"]).output();
+    if !there.is_ok_and(|output| output.status.success()) {
+        assert!(std::env::var_os("VSERVO_REQUIRE_UR_RTDE").is_none(), "{python} has no ur_rtde");
+        println!("skipped: {python} has no ur_rtde");
+        return;
+    }
+    for (series, rate_hz) in [(Series::ESeries, "500"), (Series::Cb3, "125")] {
+        let robot = robot(series);
+        let output = Command::new(&python)
+            .args(["tests/fixtures/ur_rtde_client.py", &robot.address().to_string(), rate_hz])
+            .output()
+            .unwrap();
+        let text = [output.stdout, output.stderr].map(|b| String::from_utf8_lossy(&b).into_owned()).concat();
+        assert!(output.status.success(), "{text}");
+        let told = |name: &str| -> f64 {
+            let line = text.lines().find_map(|line| line.strip_prefix(name)).expect(name);
+            line.trim().parse().unwrap()
+        };
+        // What it has seen, against what the joints did.
+        assert!(told("states") >= 0.97 * 2.0 * rate_hz.parse::<f64>().unwrap(), "{text}");
+        assert!((told("servoed") - 0.2).abs() < 0.01, "{text}");
+        assert!((told("last_q0") - robot.arm().0[0]).abs() < 1e-9, "{text}");
+        let turned = START[1] - robot.arm().0[1];
+        assert!((0.1..0.4).contains(&turned), "{turned}: 0.2 rad/s for a second, on a busy machine\n{text}");
+        assert_at_rest(&robot);
+        assert_eq!(robot.modes().1, SafetyMode::Normal, "{:?}", robot.log());
+    }
+}
+
+/// The drive's own report and the summary agree on how states came.
+#[test]
+fn states_and_gaps_are_counted() {
+    let robot = robot(Series::ESeries);
+    let r = run_with("urcounts", &robot, &[]);
+    let text = r.text();
+    let line = text.lines().find(|l| l.contains("states,") && l.contains("missed")).expect("a report");
+    let words: Vec<_> = line.split_whitespace().collect();
+    let at = words.iter().position(|w| *w == "states,").unwrap();
+    let (states, missed): (f64, f64) = (words[at - 1].parse().unwrap(), words[at + 1].parse().unwrap());
+    let ticks = number(&r.summary, &["ticks"]);
+    // 500 Hz against 1 kHz; the drive counts from the start of the program.
+    assert!(states + missed > 0.45 * ticks, "{line}, {ticks} ticks");
+    assert!(missed < 0.1 * states, "{line}");
+}
