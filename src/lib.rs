@@ -48,7 +48,11 @@ pub mod client;
 #[cfg(feature = "cli")]
 pub mod experiment;
 #[cfg(feature = "cli")]
+pub mod export;
+#[cfg(feature = "cli")]
 pub mod ipc;
+#[cfg(feature = "cli")]
+pub mod monitor;
 #[cfg(feature = "cli")]
 pub mod print;
 #[cfg(feature = "cli")]

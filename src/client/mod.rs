@@ -17,12 +17,14 @@ mod program;
 mod reach;
 mod requests;
 mod wait;
+mod watch;
 
 pub use crate::config::WaitFor;
 pub use answer::RunAnswer;
 pub use program::{ProgramEnd, ProgramOutcome};
 pub use requests::Setting;
 pub use wait::WaitEnd;
+pub use watch::RunWatch;
 
 use crate::control::lifecycle::Request;
 use crate::ipc::{Halt, Instance};

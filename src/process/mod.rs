@@ -20,6 +20,7 @@ pub mod supervisor;
 pub mod vision;
 
 pub use error::ProcessError;
+pub(crate) use membership::LeftoversGuard;
 pub use membership::Membership;
 pub use report_folder::{NewReport, ReportFolder};
 pub use signals::follow_parent;

@@ -8,6 +8,7 @@ mod log_format;
 mod output;
 mod prefault;
 mod scheduling;
+mod terminal;
 mod write_file;
 
 pub use clock::{now, sleep_until, unix_origin};
@@ -20,4 +21,5 @@ pub use scheduling::{
     Awake, Obtained, SchedulingError, USUAL_SPIN, prepare_process, prepare_thread, spin_before_deadlines,
     why_not_on,
 };
+pub use terminal::Terminal;
 pub use write_file::{IsRead, check_writable, write_file};
