@@ -47,8 +47,12 @@ pub mod cli;
 pub mod client;
 #[cfg(feature = "cli")]
 pub mod experiment;
+#[cfg(feature = "cli")]
+pub mod export;
 #[cfg(feature = "client")]
 pub mod ipc;
+#[cfg(feature = "cli")]
+pub mod monitor;
 #[cfg(feature = "cli")]
 pub mod print;
 #[cfg(feature = "client")]

@@ -7,6 +7,8 @@ pub use super::camera_arguments::CameraArguments;
 use super::ctl_arguments::CtlArguments;
 use super::emulate::EmulateCommand;
 use super::explain::{ExplainArguments, ReportArguments};
+use super::export::ExportArguments;
+use super::monitor::MonitorArguments;
 use super::place_arguments::{PlaceArguments, ViewArguments};
 use super::target::PaperArgument;
 use super::tool_arguments::{PoseArguments, ProcessArguments, StereoCommand};
@@ -73,11 +75,15 @@ pub enum Command {
     Control(RoleArguments),
     /// Write down everything that a running instance sends into an MCAP file
     Record(RecordArguments),
+    /// Watch a running instance in this terminal, and start, hold, stop and teach it by keys
+    Monitor(MonitorArguments),
     /// Run control, or vision, again on what was recorded, and compare bit for bit
     Replay(ReplayArguments),
     /// Tell in words how a run went: what limited its speed, what made it fail, which key to change
     Explain(ExplainArguments),
-    /// Make the page of a run from its recording
+    /// Write a recording for Foxglove, for ROS 2, or as tables
+    Export(ExportArguments),
+    /// Make the page of a run from its recording, or of two side by side
     Report(ReportArguments),
     /// Find out about the cell: cameras from images of a board, stamps by moving the arm
     Calibrate {

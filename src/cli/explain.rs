@@ -2,12 +2,12 @@
 
 use super::replay::OpenRecording;
 use super::{json, shown};
-use crate::explain::explain as explanation_of;
+use crate::explain::{RunEvidence, explain as explanation_of};
 use crate::input::{printable, shell_word};
 use crate::process::{NewReport, ProcessError, recorded_report};
 use crate::rt::tell;
 use clap::Args;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Arguments of `vservo explain`.
 #[derive(Debug, Args)]
@@ -23,42 +23,45 @@ pub struct ExplainArguments {
 /// Arguments of `vservo report`.
 #[derive(Debug, Args)]
 pub struct ReportArguments {
-    /// The recording of a run
-    #[arg(value_name = "RUN.mcap")]
-    pub recording: PathBuf,
-    /// Folder of the report
-    #[arg(value_name = "DIR")]
-    pub folder: PathBuf,
+    /// The recording of a run, or two to see them side by side; last the folder of the report
+    #[arg(value_name = "RUN.mcap [OTHER.mcap] DIR", num_args = 2..=3, required = true)]
+    pub paths: Vec<PathBuf>,
 }
 
 /// Tells in words how a run went; the exit code.
 pub(super) fn explain(arguments: &ExplainArguments) -> Result<u8, ProcessError> {
     let path = &arguments.run;
-    let evidence = if path.is_dir() {
-        recorded_report::evidence_of_report(path)?
-    } else {
-        let OpenRecording { reader, config, .. } = OpenRecording::open(path, &[])?;
-        recorded_report::evidence_of_recording(reader, config)
-            .map_err(|cause| ProcessError::Replay { path: path.clone(), cause: Box::new(cause) })?
-    };
+    let evidence = if path.is_dir() { recorded_report::evidence_of_report(path)? } else { named(path)?.1 };
     let explanation = explanation_of(&evidence);
     let text = if arguments.json { json(&explanation) } else { explanation.to_text() };
     Ok(shown(&text, 0))
 }
 
-/// Writes the page of a recorded run; the exit code.
+/// Writes the page of a recorded run, or of two; the exit code.
 pub(super) fn report(arguments: &ReportArguments) -> Result<u8, ProcessError> {
-    let path = &arguments.recording;
-    let OpenRecording { config, .. } = OpenRecording::open(path, &[])?;
-    let report = NewReport::begin(&arguments.folder)?;
-    let command = format!("vservo replay {}", shell_word(&path.display().to_string()));
-    let page = recorded_report::write_recorded(
-        report,
-        &config,
-        || OpenRecording::reader_of(path),
-        path,
-        &[command],
-    )?;
+    let page = match arguments.paths.as_slice() {
+        [a, b, folder] => {
+            let report = NewReport::begin(folder)?;
+            recorded_report::write_compared(report, [named(a)?, named(b)?])?
+        }
+        [path, folder] => {
+            let OpenRecording { config, .. } = OpenRecording::open(path, &[])?;
+            let report = NewReport::begin(folder)?;
+            let command = format!("vservo replay {}", shell_word(&path.display().to_string()));
+            let opened = || OpenRecording::reader_of(path);
+            recorded_report::write_recorded(report, &config, opened, path, &[command])?
+        }
+        // as many as its arguments say
+        _ => return Ok(2),
+    };
     tell(format_args!("report: {}", printable(&page.display().to_string())));
     Ok(0)
+}
+
+/// What a recorded run left, under the name of its file.
+fn named(path: &Path) -> Result<(String, RunEvidence), ProcessError> {
+    let OpenRecording { reader, config, .. } = OpenRecording::open(path, &[])?;
+    let evidence = recorded_report::evidence_of_recording(reader, config)
+        .map_err(|cause| ProcessError::Replay { path: path.into(), cause: Box::new(cause) })?;
+    Ok((path.display().to_string(), evidence))
 }

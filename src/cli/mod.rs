@@ -15,6 +15,8 @@ pub mod doctor;
 mod drive_ur;
 mod emulate;
 mod explain;
+mod export;
+mod monitor;
 mod place;
 mod place_arguments;
 mod pose_tool;
@@ -44,6 +46,8 @@ pub use ctl_arguments::{CtlArguments, CtlCommand, CtlCommon, FixedNumbers, Numbe
 pub use drive_ur::{DriveUrCli, drive_ur_main};
 pub use emulate::{EmulateCommand, EmulateUrArguments};
 pub use explain::{ExplainArguments, ReportArguments};
+pub use export::{ExportArguments, ExportFor};
+pub use monitor::MonitorArguments;
 pub use place_arguments::{LookArgument, PlaceArguments, ViewArguments};
 pub use record::RecordArguments;
 pub use replay::ReplayArguments;
@@ -103,8 +107,10 @@ pub fn main() -> ExitCode {
         Some(Command::Vision(arguments)) => role(Role::Vision(CameraId::FIRST), &arguments),
         Some(Command::Control(arguments)) => role(Role::Control, &arguments),
         Some(Command::Record(arguments)) => record::record(&arguments),
+        Some(Command::Monitor(arguments)) => monitor::monitor(&arguments),
         Some(Command::Replay(arguments)) => replay::replay(&arguments),
         Some(Command::Explain(arguments)) => explain::explain(&arguments),
+        Some(Command::Export(arguments)) => export::export(&arguments),
         Some(Command::Report(arguments)) => explain::report(&arguments),
         Some(Command::Calibrate { what }) => match what {
             Calibration::Latency(arguments) => calibrate::latency(&arguments),

@@ -10,7 +10,7 @@ use crate::robot;
 use crate::rt::tell;
 use clap::Args;
 use clap_complete::engine::ArgValueCompleter;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Arguments of `vservo record`.
 #[derive(Debug, Args)]
@@ -41,11 +41,7 @@ pub(super) fn record(arguments: &RecordArguments) -> Result<u8, ProcessError> {
     let instance: Instance = arguments.instance.parse()?;
     let config = match &arguments.config {
         Some(name) if arguments.config_on_stdin => config_on_stdin(name, &arguments.set)?,
-        Some(path) => Config::load(Some(path), &arguments.set)?,
-        None if !instance.config_path().exists() => {
-            return Err(ProcessError::NobodyThere(instance.to_string()));
-        }
-        None => Config::load(Some(&instance.config_path()), &[])?,
+        path => config_of_run(path.as_deref(), &arguments.set, &instance)?,
     };
     match arguments.supervised_by {
         Some(supervisor) => process::follow_parent(supervisor, &stop), // which has warned
@@ -65,6 +61,19 @@ pub(super) fn record(arguments: &RecordArguments) -> Result<u8, ProcessError> {
             tell("vservo: the recording ended before the run, which goes on");
             Err(error)
         }
+    }
+}
+
+/// The run file of a run that is there: the one that is named, or what its supervisor left.
+pub(super) fn config_of_run(
+    path: Option<&Path>,
+    set: &[String],
+    instance: &Instance,
+) -> Result<Config, ProcessError> {
+    match path {
+        Some(path) => Ok(Config::load(Some(path), set)?),
+        None if !instance.config_path().exists() => Err(ProcessError::NobodyThere(instance.to_string())),
+        None => Ok(Config::load(Some(&instance.config_path()), &[])?),
     }
 }
 

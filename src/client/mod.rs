@@ -16,6 +16,8 @@ mod answer;
 mod program;
 mod reach;
 mod requests;
+#[cfg(feature = "cli")]
+mod run_watch;
 mod wait;
 mod watch;
 
@@ -23,6 +25,8 @@ pub use crate::config::WaitFor;
 pub use answer::RunAnswer;
 pub use program::{ProgramEnd, ProgramOutcome};
 pub use requests::Setting;
+#[cfg(feature = "cli")]
+pub use run_watch::RunWatch;
 pub use wait::WaitEnd;
 pub use watch::{RecordStream, Watched};
 

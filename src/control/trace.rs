@@ -5,6 +5,8 @@
 
 mod record;
 
+pub use record::event_words;
+
 use super::lifecycle::Request;
 use super::outcome::Finish;
 use super::safety::Fault;

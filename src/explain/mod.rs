@@ -4,12 +4,14 @@
 //! summary, run file, trace.csv, measurements.csv ─► view    what became of the target in the image, and of the frames
 //!                                                  ├► cell    does the target rest where lens, mount, stamps and sizes say?
 //!                                                  ├► joints  do the joints do what they are told?
+//!                                                  ├► dynamics  does the arm answer its torques as its model says?
 //!                                                  └► pace    how the error fell, and what held the arm back
 //!                                                       └► [`RunFinding`]s, the gravest first ─► [`Explanation`]
 //! ```
 //! Nothing here knows the truth of a simulated cell: a finding rests on what the run measured.
 
 mod cell;
+mod dynamics;
 mod joints;
 mod pace;
 mod view;
@@ -32,6 +34,12 @@ pub enum Cause {
     DriveDelay,
     /// The encoders are coarser than the run file says.
     CoarseEncoders,
+    /// The base of the arm shakes.
+    ShakingBase,
+    /// The motors' rotors have inertia that the robot file does not tell.
+    UntoldRotors,
+    /// The joints yield.
+    ElasticJoints,
     /// A joint was stopped from one tick to the next, and stands.
     Jammed,
     /// A joint does not follow from its start: friction, a brake, a drive that is off.
@@ -124,6 +132,7 @@ pub struct Explanation {
 #[must_use]
 pub fn explain(evidence: &RunEvidence) -> Explanation {
     let mut findings = joints::findings(evidence);
+    findings.extend(dynamics::findings(evidence));
     findings.extend(view::findings(evidence));
     findings.extend(cell::findings(evidence));
     findings.extend(pace::findings(evidence, !findings.is_empty()));

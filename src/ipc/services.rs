@@ -3,6 +3,7 @@
 
 mod image;
 mod recorder;
+mod viewer;
 
 use super::caretaker::Caretaker;
 use super::channel::Channel;

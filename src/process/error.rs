@@ -179,6 +179,11 @@ pub enum ProcessError {
         "no run of instance `{0}` is there: start one with `vservo serve`, or name another with --instance"
     )]
     NobodyThere(String),
+    /// What is to be shown needs a terminal.
+    #[error(
+        "stdout is no terminal that can show a run: ask with `vservo ctl status --json`, or write it down with `vservo record`"
+    )]
+    NoTerminal,
     /// The run of another user.
     #[error("instance `{instance}` is another user's run: {path} is {what}; ask as that user", path = path.display())]
     NotYourRun {
@@ -349,6 +354,7 @@ impl ProcessError {
             | Self::ProbeDuration(_)
             | Self::OddImages(_)
             | Self::NoCommand(_)
+            | Self::NoTerminal
             | Self::NoReport(_) => 2,
             Self::NoFrame { .. }
             | Self::NothingTaught { .. }

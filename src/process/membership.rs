@@ -17,7 +17,13 @@ pub struct Membership {
 
 /// Removes the instance's leftovers when dropped.
 #[derive(Debug)]
-struct LeftoversGuard(Instance);
+pub(crate) struct LeftoversGuard(Instance);
+
+impl LeftoversGuard {
+    pub(crate) fn of(instance: &Instance) -> Self {
+        Self(instance.clone())
+    }
+}
 
 impl Drop for LeftoversGuard {
     fn drop(&mut self) {
@@ -42,7 +48,7 @@ impl Membership {
                 disagreements: Disagreements(disagreements),
             });
         }
-        let place = LeftoversGuard(instance.clone());
+        let place = LeftoversGuard::of(instance);
         instance.remove_leftovers(Some(role));
         let services = Services::join(instance)?;
         services.remove_dead_peers();

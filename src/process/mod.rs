@@ -41,6 +41,8 @@ pub mod vision;
 
 pub use error::ProcessError;
 #[cfg(feature = "cli")]
+pub(crate) use membership::LeftoversGuard;
+#[cfg(feature = "cli")]
 pub use membership::Membership;
 #[cfg(feature = "cli")]
 pub use report_folder::{NewReport, ReportFolder};

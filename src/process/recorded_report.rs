@@ -1,15 +1,17 @@
 //! A report, and the evidence for an explanation, from a recording or from the folder of an earlier report.
 
 use super::control::{RecordedResults, recorded_results};
-use super::report_folder::{CONFIG, MEASUREMENTS, SUMMARY, TRACE};
+use super::report_folder::{CONFIG, MEASUREMENTS, PAGE, SUMMARY, TRACE};
 use super::report_images::ReportImages;
 use super::{NewReport, ProcessError, ReportFolder, run_report};
 use crate::config::Config;
-use crate::explain::RunEvidence;
+use crate::explain::{Explanation, RunEvidence, explain};
 use crate::messages::{FrameHeader, Measurement};
 use crate::record::RecordingReader;
 use crate::replay::{RecordedRun, ReplayError};
+use crate::report::compare_page::{ComparedRun, compare_page};
 use crate::report::csv_table::CsvTable;
+use crate::report::run_page::run_facts;
 use std::collections::VecDeque;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -71,6 +73,45 @@ pub fn write_recorded<R: Read>(
     }
     opened().and_then(|mut reader| images(&mut reader, report.folder(), config)).map_err(wrong)?;
     run_report::write(report, config, &summary, commands)
+}
+
+/// Makes one page of two recorded runs; where it is. Each has its name.
+///
+/// # Errors
+/// When a file cannot be written.
+pub fn write_compared(report: NewReport, runs: [(String, RunEvidence); 2]) -> Result<PathBuf, ProcessError> {
+    let compared = |(name, evidence): (String, RunEvidence)| -> Result<ComparedRun, ProcessError> {
+        let Explanation { verdict, findings, .. } = explain(&evidence);
+        let RunEvidence { summary, config, trace, measurements } = evidence;
+        // what was just written as TOML is TOML
+        let table = config.to_toml()?.parse::<toml::Table>().unwrap_or_default();
+        let mut settings = Vec::new();
+        flatten("", &table, &mut settings);
+        Ok(ComparedRun {
+            name,
+            verdict,
+            findings: findings.into_iter().map(|finding| finding.what).collect(),
+            facts: run_facts(&summary),
+            settings,
+            joints: config.robot.joints.iter().map(|joint| joint.name.clone()).collect(),
+            trace,
+            measurements,
+        })
+    };
+    let [a, b] = runs.map(compared);
+    report.folder().write(PAGE, compare_page(&[a?, b?]))?;
+    report.publish()
+}
+
+/// The keys of a table by their paths.
+fn flatten(path: &str, table: &toml::Table, into: &mut Vec<(String, String)>) {
+    for (key, value) in table {
+        let path = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
+        match value {
+            toml::Value::Table(inner) => flatten(&path, inner, into),
+            value => into.push((path, value.to_string())),
+        }
+    }
 }
 
 /// The frames that a report shows.

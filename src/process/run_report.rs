@@ -11,7 +11,7 @@ use crate::report::csv_table::{CsvTable, csv_cell};
 use crate::report::page::base64;
 use crate::report::run_page::{ImageData, JointSummary, RunRecord, run_facts, run_page, run_verdict};
 use crate::report::summary::Summary;
-use crate::robot::{JointKind, Mount};
+use crate::robot::Mount;
 use crate::source::load_image;
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, GrayImage, ImageEncoder};
@@ -90,14 +90,6 @@ fn described(config: &Config, summary: &Summary, commands: &[String]) -> RunReco
     let i = config.camera.model.intrinsics();
     let plate = config.target.plate();
     let events = summary.safety.events.iter().map(|e| (e.time_s, e.event.clone()));
-    let joint = |joint: &crate::robot::JointDescription| JointSummary {
-        name: joint.name.clone(),
-        slides: joint.kind == JointKind::Prismatic,
-        lower: joint.limits.lower,
-        upper: joint.limits.upper,
-        velocity: joint.limits.velocity,
-        effort: joint.limits.effort,
-    };
     let files = [
         (TRACE, "every tick: joints, commands, limits that acted, camera"),
         (MEASUREMENTS, "every measurement: points, error, latencies, pose"),
@@ -121,7 +113,7 @@ fn described(config: &Config, summary: &Summary, commands: &[String]) -> RunReco
         has_arm: config.closes_the_loop(),
         eye_in_hand: matches!(config.camera.mount, Mount::EyeInHand { .. }),
         gravity_B: config.robot.gravity_B.into(),
-        joints: config.robot.joints.iter().map(joint).collect(),
+        joints: config.robot.joints.iter().map(JointSummary::of).collect(),
         image_px: [f64::from(i.width_px), f64::from(i.height_px)],
         goal_error_px: config.goal.feature_error_px,
         plate_m: [plate.low_m.into(), plate.high_m.into()],

@@ -24,13 +24,13 @@ pub use image_message::ImageMessage;
 pub use reader::{RecordedMessage, RecordingReader};
 pub use ros2_schema::{ros2_name, ros2_schema};
 pub use sequence_counter::SequenceCounter;
-pub use writer::{ImageTopic, RecordTopic, RecordingWriter};
+pub use writer::{CopiedTopic, ImageTopic, RecordTopic, RecordingWriter};
 
 use mcap::McapError;
 use thiserror::Error;
 
 /// What names the encoding of a message: XCDR1, little-endian, no options (OMG DDSI-RTPS 2.5, 10.2).
-const CDR_LITTLE_ENDIAN: [u8; 4] = [0, 1, 0, 0];
+pub(crate) const CDR_LITTLE_ENDIAN: [u8; 4] = [0, 1, 0, 0];
 
 /// Name of the metadata that tells what was recorded.
 pub const ABOUT: &str = "vservo";

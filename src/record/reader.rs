@@ -4,7 +4,7 @@ use super::writer::TYPE_KEY;
 use super::{CDR_LITTLE_ENDIAN, ImageMessage, RecordingError};
 use crate::messages::MessageRecord;
 use mcap::McapError;
-use mcap::records::{Channel, MessageHeader, Record as McapRecord};
+use mcap::records::{Channel, MessageHeader, Record as McapRecord, SchemaHeader};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use std::collections::BTreeMap;
 use std::io::Read;
@@ -18,6 +18,8 @@ const MAX_RECORD: usize = 256 << 20;
 pub struct RecordedMessage<'a> {
     topic: &'a str,
     type_name: Option<&'a str>,
+    channel: Option<&'a Channel>,
+    schema: Option<&'a (SchemaHeader, Vec<u8>)>,
     /// Instant that it is about, ns of the run's clock.
     pub stamp_ns: u64,
     /// The sender's number, modulo 2^32.
@@ -30,6 +32,30 @@ impl<'a> RecordedMessage<'a> {
     #[must_use]
     pub fn topic(&self) -> &'a str {
         self.topic
+    }
+
+    /// The versioned type name of its records; `None` where it carries none.
+    #[must_use]
+    pub fn type_name(&self) -> Option<&'a str> {
+        self.type_name
+    }
+
+    /// The bytes as they stand in the file.
+    #[must_use]
+    pub fn data(&self) -> &'a [u8] {
+        self.data
+    }
+
+    /// The bytes of a record of `length` bytes; `None` where it is none.
+    #[must_use]
+    pub fn record_bytes(&self, length: usize) -> Option<&'a [u8]> {
+        self.data.strip_prefix(&CDR_LITTLE_ENDIAN).filter(|bytes| bytes.len() == length)
+    }
+
+    /// What its topic says of itself: encoding and metadata of the messages, and name, encoding and text of their definition.
+    pub(super) fn described(&self) -> Option<(&'a Channel, &'a SchemaHeader, &'a [u8])> {
+        let (header, text) = self.schema?;
+        Some((self.channel?, header, text))
     }
 
     /// The record in it.
@@ -63,6 +89,7 @@ pub struct RecordingReader<R: Read> {
     input: R,
     mcap: LinearReader,
     channels: BTreeMap<u16, Channel>,
+    schemas: BTreeMap<u16, (SchemaHeader, Vec<u8>)>,
     attachments: BTreeMap<String, Vec<u8>>,
     metadata: BTreeMap<String, BTreeMap<String, String>>,
     /// The message that comes next.
@@ -84,6 +111,7 @@ impl<R: Read> RecordingReader<R> {
             input,
             mcap: LinearReader::new_with_options(options),
             channels: BTreeMap::new(),
+            schemas: BTreeMap::new(),
             attachments: BTreeMap::new(),
             metadata: BTreeMap::new(),
             next: None,
@@ -128,6 +156,8 @@ impl<R: Read> RecordingReader<R> {
         Ok(Some(RecordedMessage {
             topic: channel.map_or("", |channel| &channel.topic),
             type_name: channel.and_then(|c| c.metadata.get(TYPE_KEY)).map(String::as_str),
+            channel,
+            schema: channel.and_then(|c| self.schemas.get(&c.schema_id)),
             stamp_ns: header.log_time,
             sequence: header.sequence,
             data: &self.data,
@@ -149,6 +179,9 @@ impl<R: Read> RecordingReader<R> {
                             self.data.clear();
                             self.data.extend_from_slice(&data);
                             self.next = Some(header);
+                        }
+                        Ok(McapRecord::Schema { header, data }) => {
+                            self.schemas.insert(header.id, (header, data.into_owned()));
                         }
                         Ok(McapRecord::Channel(channel)) => {
                             self.channels.insert(channel.id, channel);

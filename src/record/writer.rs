@@ -1,7 +1,8 @@
 //! Writes a recording.
 
 use super::{
-    ABOUT, CDR_LITTLE_ENDIAN, END, ImageMessage, RecordingError, image_message, ros2_name, ros2_schema,
+    ABOUT, CDR_LITTLE_ENDIAN, END, ImageMessage, RecordedMessage, RecordingError, image_message, ros2_name,
+    ros2_schema,
 };
 use crate::messages::{FrameHeader, MessageRecord};
 use crate::time::MonoNs;
@@ -28,6 +29,10 @@ pub struct ImageTopic {
     id: u16,
     frame: String,
 }
+
+/// A topic whose messages are written as they are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct CopiedTopic(u16);
 
 /// Writes a recording to `W`, chunk by chunk: between the ends of two chunks nothing is written.
 pub struct RecordingWriter<W: Write> {
@@ -96,6 +101,44 @@ impl<W: Write> RecordingWriter<W> {
             self.mcap.add_schema(image_message::NAME, "ros2msg", image_message::SCHEMA.as_bytes())?;
         let id = self.mcap.add_channel(schema, topic, "cdr", &BTreeMap::new())?;
         Ok(ImageTopic { id, frame: frame.into() })
+    }
+
+    /// Adds the topic of a message of another recording, as that has it.
+    ///
+    /// # Errors
+    /// When it has no definition there; as [`Self::new`].
+    pub fn add_copied(&mut self, message: &RecordedMessage<'_>) -> Result<CopiedTopic, RecordingError> {
+        let topic = message.topic();
+        let undefined =
+            || RecordingError::Message { topic: topic.into(), expected: "message with a definition" };
+        let (channel, header, text) = message.described().ok_or_else(undefined)?;
+        let schema = self.mcap.add_schema(&header.name, &header.encoding, text)?;
+        Ok(CopiedTopic(self.mcap.add_channel(schema, topic, &channel.message_encoding, &channel.metadata)?))
+    }
+
+    /// Adds a topic for messages of ROS 2 of type `name`, whose definition is `schema`.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn add_cdr(&mut self, topic: &str, name: &str, schema: &str) -> Result<CopiedTopic, RecordingError> {
+        let schema = self.mcap.add_schema(name, "ros2msg", schema.as_bytes())?;
+        Ok(CopiedTopic(self.mcap.add_channel(schema, topic, "cdr", &BTreeMap::new())?))
+    }
+
+    /// Adds a message as it is.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn write_copied(
+        &mut self,
+        CopiedTopic(id): CopiedTopic,
+        sequence: u64,
+        stamp_ns: u64,
+        data: &[u8],
+    ) -> Result<(), RecordingError> {
+        self.bytes.clear();
+        self.bytes.extend_from_slice(data);
+        self.write_message(id, sequence, MonoNs(i64::try_from(stamp_ns).unwrap_or(i64::MAX)))
     }
 
     /// Adds a record: the `sequence`-th of its topic, about the instant `stamp`.

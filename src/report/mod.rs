@@ -2,6 +2,7 @@
 
 pub mod calibration_page;
 pub mod chart;
+pub mod compare_page;
 pub mod csv_table;
 pub mod frame_archive;
 pub mod hand_eye_page;

@@ -64,6 +64,19 @@ pub struct RobotDescription {
     pub notes: Vec<String>,
 }
 
+impl JointDescription {
+    /// The frame of the link behind the joint at position `q`, rad or m, in that of the link before (in B for the first).
+    #[must_use]
+    pub fn X_PL(&self, q: f64) -> Pose {
+        let along = self.axis.into_inner() * q;
+        let motion = match self.kind {
+            JointKind::Prismatic => Pose::new(along, Vector3::zeros()),
+            JointKind::Revolute | JointKind::Continuous => Pose::new(Vector3::zeros(), along),
+        };
+        self.X_PJ * motion * self.X_JL
+    }
+}
+
 impl RobotDescription {
     /// The number of moving joints.
     #[must_use]

@@ -2,7 +2,7 @@
 //! robot, is in tests/cores/robot_consistency.rs.
 
 use super::*;
-use crate::geometry::rotation_z;
+use crate::geometry::{Pose, rotation_z};
 use nalgebra::{Matrix4, SMatrix, SVector, Vector3, Vector4};
 use proptest::prelude::*;
 
@@ -159,4 +159,19 @@ fn redundant_arms_follow_the_preferred_null_space_motion() {
     let result = robot.damped_velocity(&SVector::zeros(), &J, &V, &preferred, &InverseOptions::default());
     assert!((J * result.qd - V).norm() < 1e-12);
     assert!((result.qd[5] - result.qd[6] - 1.0).abs() < 1e-12, "{}", result.qd);
+}
+
+/// The links one by one, as files of robots place them, against the chain with which everything is computed.
+#[test]
+fn links_one_by_one_lead_to_the_flange() {
+    for name in ["ur5", "scara", "panda"] {
+        let description = load(name).unwrap();
+        let q = |i: usize| 0.3 - 0.17 * i as f64;
+        let links = description.joints.iter().enumerate().map(|(i, joint)| joint.X_PL(q(i)));
+        let X_BE = links.fold(Pose::identity(), |X_BP, X_PL| X_BP * X_PL) * description.X_LE;
+        let wanted = crate::dispatch_robot!(description, |robot| robot
+            .forward(&SVector::from_fn(|i, _| q(i))))
+        .unwrap();
+        assert!((X_BE.to_homogeneous() - wanted.to_homogeneous()).norm() < 1e-12, "{name}");
+    }
 }

@@ -16,6 +16,8 @@ mod prefault;
 mod scheduling;
 #[cfg(feature = "cli")]
 mod service_manager;
+#[cfg(feature = "cli")]
+mod terminal;
 mod write_file;
 
 pub use clock::{now, sleep_until, unix_origin};
@@ -36,4 +38,6 @@ pub use scheduling::{
 };
 #[cfg(feature = "cli")]
 pub use service_manager::tell_service_manager;
+#[cfg(feature = "cli")]
+pub use terminal::Terminal;
 pub use write_file::{IsRead, check_writable, write_file};

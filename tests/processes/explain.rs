@@ -3,9 +3,10 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // helpers of tests are tests
 
-use crate::common::{Instance, vservo};
+use crate::common::{Instance, kill, vservo, wait_for_process, wait_until};
 use serde_json::Value;
 use std::path::Path;
+use std::process::Stdio;
 
 /// Runs a cell with `settings` in lockstep and leaves a report, or a recording.
 fn run(name: &str, (file, settings): (&str, &[&str]), kind: &str, place: &Path) {
@@ -177,6 +178,78 @@ fn what_a_drive_does_late_or_carries_is_named() {
 }
 
 #[test]
+fn rotors_that_nobody_told_and_a_base_that_shakes_are_named() {
+    named(
+        "untold_rotors",
+        &[
+            ("ur5", &["drive.simulated.untold_rotor_share=11", "run.seed=13"]),
+            ("panda", &["drive.simulated.untold_rotor_share=9", "run.seed=5"]),
+            ("xarm7", &["drive.simulated.untold_rotor_share=7", "run.seed=2"]),
+            ("scara-b", &["drive.simulated.untold_rotor_share=9"]),
+        ],
+    );
+    let shakes = "drive.simulated.base_frequency_hz=6.3";
+    named(
+        "shaking_base",
+        &[
+            ("ur5", &["drive.simulated.base_acceleration_m_s2=[0.4,0.7,0.2]", shakes, "run.seed=17"]),
+            ("panda", &["drive.simulated.base_acceleration_m_s2=[0.5,0.0,0.7]", "run.seed=8"]),
+            ("scara-b", &["drive.simulated.base_acceleration_m_s2=[0.0,1.8,0.0]", shakes]),
+        ],
+    );
+}
+
+#[test]
+fn joints_that_yield_are_named() {
+    named(
+        "elastic_joints",
+        &[
+            ("panda", &["drive.simulated.joint_wind_up_rad_or_m=0.0095", "run.seed=4"]),
+            ("xarm7", &["drive.simulated.joint_wind_up_rad_or_m=0.04"]),
+            ("ur5", &["drive.simulated.joint_wind_up_rad_or_m=0.035", "run.seed=6"]),
+            ("ur5", &["drive.simulated.joint_wind_up_rad_or_m=0.045", "run.seed=2"]),
+        ],
+    );
+}
+
+/// A process of a run by the clock that stands still for a while, as one that gets no core, or whose camera gives nothing.
+fn stands_still(name: &str, role: &str, seconds: f64, settings: &[&str]) -> Value {
+    let instance = Instance::new(name);
+    let folder = tempfile::tempdir().unwrap();
+    let place = folder.path().join("report");
+    let mut child = vservo()
+        .args(["run", "--instance", &instance.name, "--set", "servo.gain_1_s=0.5", "--duration-s", "4"])
+        .args(settings.iter().flat_map(|set| ["--set", set]))
+        .arg("--report")
+        .arg(&place)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let process = wait_for_process(&instance, role);
+    wait_until("the arm to move", || {
+        let output =
+            vservo().args(["ctl", "status", "--json", "--instance", &instance.name]).output().unwrap();
+        let answer: Value = serde_json::from_slice(&output.stdout).unwrap_or(Value::Null);
+        answer["state"] == "servoing" && answer["time_s"].as_f64().is_some_and(|s| s > 0.6)
+    });
+    kill(process, "STOP");
+    std::thread::sleep(std::time::Duration::from_secs_f64(seconds));
+    kill(process, "CONT");
+    child.wait().unwrap();
+    instance.assert_gone();
+    explained(&place)
+}
+
+#[test]
+fn a_silent_camera_and_missed_deadlines_are_named() {
+    let told = stands_still("expdead", "control", 0.3, &[]);
+    assert_eq!(told["findings"][0]["cause"], "deadlines", "{told:#}");
+    let told = stands_still("expsilent", "camera", 4.5, &[]);
+    assert_eq!(told["findings"][0]["cause"], "frames_stopped", "{told:#}");
+}
+
+#[test]
 fn lost_frames_and_a_wrong_lens_are_named() {
     named(
         "frames_lost",
@@ -227,4 +300,23 @@ fn a_recording_and_a_report_tell_the_same() {
     let first = |folder: &Path| std::fs::read(folder.join("frame-first-000000.png")).unwrap();
     assert_eq!(first(&report), first(&again));
     assert!(std::fs::read_to_string(again.join("index.html")).unwrap().contains("vservo replay"));
+}
+
+/// Two recordings on one page: what differs in their run files, and how each ended.
+#[test]
+fn two_recordings_are_seen_side_by_side() {
+    let folder = tempfile::tempdir().unwrap();
+    let recordings = ["a", "b"].map(|name| folder.path().join(format!("{name}.mcap")));
+    run("expcmp-a", ("default", &[]), "--record", &recordings[0]);
+    run("expcmp-b", ("default", &["servo.gain_1_s=7"]), "--record", &recordings[1]);
+    let place = folder.path().join("compared");
+    let output = vservo().arg("report").args(&recordings).arg(&place).output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{output:?}");
+    let page = std::fs::read_to_string(place.join("index.html")).unwrap();
+    let (gain, ends) =
+        (page.find("<td>servo.gain_1_s</td>").unwrap(), page.matches("Converged after").count());
+    assert!(page[gain..gain + 80].contains("<td>15.0</td><td>7"), "{}", &page[gain..gain + 80]);
+    assert_eq!(ends, 2);
+    assert!(!page.contains("<td>run.seed</td>") && page.contains("joint_2"));
+    assert!(!page.replace("http://www.w3.org/2000/svg", "").contains("http"), "it needs nothing else");
 }

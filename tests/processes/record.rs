@@ -196,7 +196,7 @@ fn a_recorder_joins_a_running_instance_and_ends_with_it() {
 }
 
 /// The Python that has the packages `mcap` and `mcap-ros2-support`.
-fn python() -> Option<PathBuf> {
+pub(crate) fn python() -> Option<PathBuf> {
     let python = std::env::var_os("VSERVO_PYTHON").map_or_else(|| PathBuf::from("python3"), PathBuf::from);
     let output = Command::new(&python).args(["-c", "import mcap.reader, mcap_ros2.decoder"]).output();
     if output.as_ref().is_ok_and(|o| o.status.success()) {

@@ -87,6 +87,34 @@ fn verdict_code(verdict: MeasurementVerdict) -> u32 {
     }
 }
 
+/// The words of the events in [`TraceMsg::events`], in the order of their bits.
+pub fn event_words(events: u32) -> impl Iterator<Item = &'static str> {
+    let is_set = move |i: usize| events.checked_shr(i as u32).unwrap_or(0) & 1 == 1;
+    EVENT_WORDS.into_iter().enumerate().filter(move |(i, _)| is_set(*i)).map(|(_, word)| word)
+}
+
+/// [`Event::as_str`] by [`event_number`].
+const EVENT_WORDS: [&str; 18] = [
+    "holding",
+    "resumed",
+    "stopping",
+    "fault",
+    "stamp_from_future",
+    "inconsistent",
+    "degraded",
+    "whole_again",
+    "starts_elsewhere",
+    "taught",
+    "requested",
+    "goal_reached",
+    "impossible_pose",
+    "gain_reduced",
+    "returning",
+    "motion_over",
+    "goal_left",
+    "arrived",
+];
+
 fn event_number(event: Event) -> u32 {
     match event {
         Event::Holding => 0,
@@ -107,5 +135,42 @@ fn event_number(event: Event) -> u32 {
         Event::MotionOver => 15,
         Event::GoalLeft => 16,
         Event::Arrived => 17,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::control::lifecycle::Request;
+
+    #[test]
+    fn words_of_a_mask_are_those_of_its_events() {
+        use Event::*;
+        let all = [
+            Holding,
+            Resumed,
+            Stopping,
+            Fault(super::Fault::TrackingError),
+            StampFromFuture,
+            Inconsistent,
+            Degraded,
+            WholeAgain,
+            StartsElsewhere,
+            Taught,
+            Requested(Request::Start),
+            GoalReached,
+            ImpossiblePose,
+            GainReduced,
+            Returning,
+            MotionOver,
+            GoalLeft,
+            Arrived,
+        ];
+        for event in all {
+            let words: Vec<_> = event_words(1 << event_number(event)).collect();
+            assert_eq!(words, [event.as_str()]);
+        }
+        assert_eq!(event_words(u32::MAX).count(), all.len());
+        assert_eq!(event_words(0b101).collect::<Vec<_>>(), ["holding", "stopping"]);
     }
 }

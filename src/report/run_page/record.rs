@@ -1,6 +1,7 @@
 //! What the page of a run is made of: plain data, as it stands in the files beside the page.
 
 use crate::report::csv_table::CsvTable;
+use crate::robot::{JointDescription, JointKind};
 
 /// A run.
 #[derive(Debug, Clone, Default)]
@@ -82,6 +83,21 @@ pub struct JointSummary {
     pub velocity: f64,
     /// Greatest torque or force.
     pub effort: f64,
+}
+
+impl JointSummary {
+    /// That of a joint of a robot file.
+    #[must_use]
+    pub fn of(joint: &JointDescription) -> Self {
+        Self {
+            name: joint.name.clone(),
+            slides: joint.kind == JointKind::Prismatic,
+            lower: joint.limits.lower,
+            upper: joint.limits.upper,
+            velocity: joint.limits.velocity,
+            effort: joint.limits.effort,
+        }
+    }
 }
 
 /// An image in the page.

@@ -1,0 +1,99 @@
+//! Watching a running instance: what its processes send, into a [`RunView`]. Whoever watches waits for nothing and is waited for by nobody: what is not
+//! taken in time is overwritten.
+
+use crate::config::{Clock, Config};
+use crate::ipc::{Instance, IpcError, Receiver, Role, Services};
+use crate::messages::{CameraHealth, CameraId, Measurement, Status, TraceMsg};
+use crate::monitor::{CellFacts, RunView};
+use crate::process::{LeftoversGuard, ProcessError};
+use crate::report::run_page::JointSummary;
+use crate::time::MonoNs;
+
+/// A place among those who read a run's services. The fields are given back in the order in which they stand.
+#[derive(Debug)]
+pub struct RunWatch {
+    status: Receiver<Status>,
+    traces: Receiver<TraceMsg>,
+    measurements: Receiver<Measurement>,
+    health: Vec<(CameraId, Receiver<CameraHealth>)>,
+    _services: Services,
+    instance: Instance,
+    // a run that ended meanwhile could not remove what this had open
+    _place: LeftoversGuard,
+}
+
+impl RunWatch {
+    /// Joins the run of `instance`, whose run file is `config`.
+    ///
+    /// # Errors
+    /// When as many watch it as may, or shared memory is not usable.
+    pub fn join(instance: &Instance, config: &Config) -> Result<Self, ProcessError> {
+        let place = LeftoversGuard::of(instance);
+        let services = Services::join(instance)?;
+        // A watcher that was killed holds its places no longer.
+        services.remove_dead_peers();
+        let crowded = |error: IpcError| {
+            let cause = error.to_string();
+            if error.is_crowded() {
+                ProcessError::Crowded { instance: instance.to_string(), cause }
+            } else {
+                error.into()
+            }
+        };
+        let cameras = config.cameras().map(|camera| Ok((camera.id, services.health_view(camera.id)?)));
+        Ok(Self {
+            status: services.status_view().map_err(crowded)?,
+            traces: services.trace_view().map_err(crowded)?,
+            measurements: services.measurement_view(config.camera.id).map_err(crowded)?,
+            health: cameras.collect::<Result<_, IpcError>>().map_err(crowded)?,
+            _services: services,
+            instance: instance.clone(),
+            _place: place,
+        })
+    }
+
+    /// Takes everything that came, at `now`, into `view`. Whether the goal may be another one than the known one.
+    ///
+    /// # Errors
+    /// When shared memory fails.
+    pub fn take_all(&self, view: &mut RunView, now: MonoNs) -> Result<bool, ProcessError> {
+        let status = self.status.receive_newest()?;
+        let has_new_goal = status.is_some_and(|status| view.status(&status, now));
+        while let Some(tick) = self.traces.receive()? {
+            view.tick(&tick);
+        }
+        while let Some(measurement) = self.measurements.receive()? {
+            view.measurement(&measurement, now);
+        }
+        for (camera, port) in &self.health {
+            if let Some(health) = port.receive_newest()? {
+                view.health(*camera, &health);
+            }
+        }
+        Ok(has_new_goal)
+    }
+
+    /// Whether control is still there.
+    #[must_use]
+    pub fn is_there(&self) -> bool {
+        self.instance.is_running(Role::Control)
+    }
+}
+
+impl CellFacts {
+    /// What the run file of `instance` tells.
+    #[must_use]
+    pub fn of(instance: &Instance, config: &Config) -> Self {
+        let i = config.camera.model.intrinsics();
+        Self {
+            instance: instance.to_string(),
+            lockstep: config.clock == Clock::Lockstep,
+            serves: config.serve,
+            joints: config.robot.joints.iter().map(JointSummary::of).collect(),
+            image_px: [i.width_px, i.height_px].map(f64::from),
+            goal_error_px: config.goal.feature_error_px,
+            hold_s: config.goal.hold.as_s(),
+            rate_hz: config.camera.rate_hz,
+        }
+    }
+}

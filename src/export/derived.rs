@@ -1,0 +1,297 @@
+//! What viewers know by themselves, from the records of a run: transforms, joint states, calibrations, annotations of images, a log.
+//!
+//! Frames of the transforms are those of `docs/frames.md`: `base` (B), the links by the names of the robot file, `flange` (E), `camera_N` (C), `target` (O) and
+//! `goal` (D).
+
+use super::cdr::CdrOutput;
+use crate::camera_model::CameraModel;
+use crate::config::Config;
+use crate::control::lifecycle::Request;
+use crate::control::safety::Fault;
+use crate::control::trace::event_words;
+use crate::geometry::Pose;
+use crate::messages::{
+    CommandForm, ControlState, FrameHeader, JointState, Measurement, RequestMsg, TargetStatus, TraceMsg,
+};
+use crate::robot::Mount;
+use crate::time::{MonoNs, SpanNs};
+use nalgebra::{Quaternion, UnitQuaternion, Vector2};
+use std::collections::BTreeMap;
+
+/// The name of the base's frame.
+pub(super) const BASE: &str = "base";
+/// That of the flange.
+const FLANGE: &str = "flange";
+/// That of the target.
+const TARGET: &str = "target";
+/// Period of joint states and transforms. Chosen by hand: viewers draw a hundred a second at most, and all 1000 stand on `/control/joint_state`.
+const PERIOD: SpanNs = SpanNs(10_000_000);
+/// Diameter of the signs in an image, px, and their line width. Chosen by hand, to be seen and to hide little.
+const SIGN_PX: f64 = 12.0;
+const LINE_PX: f64 = 2.0;
+/// Levels of `rcl_interfaces/Log`, as its definition has them.
+const INFO: u8 = 20;
+const WARN: u8 = 30;
+const ERROR: u8 = 40;
+
+/// Red, green, blue and opacity, 0 to 1.
+type AnnotationColour = [f64; 4];
+
+/// Colours of points that were seen, of where they are to be, and none. Chosen by hand, to be told apart also by those who do not see red from green.
+const SEEN: AnnotationColour = [1.0, 0.75, 0.0, 1.0];
+const WANTED: AnnotationColour = [0.2, 0.6, 1.0, 1.0];
+const NOTHING: AnnotationColour = [0.0; 4];
+
+/// One message on a topic that a viewer knows.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct DerivedMessage {
+    pub(super) topic: String,
+    /// Its definition.
+    pub(super) definition: &'static str,
+    /// The instant that it is about.
+    pub(super) stamp: MonoNs,
+    pub(super) data: Vec<u8>,
+}
+
+/// Makes them as the records of a run pass by.
+pub(super) struct DerivedMessages<'a> {
+    config: &'a Config,
+    next: MonoNs,
+    /// Where each point of the goal is to be, px; `None` where it is not known.
+    goal_px: Option<BTreeMap<u32, Vector2<f64>>>,
+    before: Option<(u32, u32)>,
+    target: TargetStatus,
+}
+
+impl<'a> DerivedMessages<'a> {
+    pub(super) fn new(config: &'a Config) -> Self {
+        let mut derived =
+            Self { config, next: MonoNs(i64::MIN), goal_px: None, before: None, target: TargetStatus::Found };
+        if !config.goal.is_taught && config.stereo.is_none() {
+            let set_point = &config.set_point;
+            let features = set_point.features().iter().map(|s| (*s).into());
+            derived.set_goal(set_point.ids().iter().copied().zip(features));
+        }
+        derived
+    }
+
+    fn camera(&self) -> &CameraModel {
+        &self.config.camera.model
+    }
+
+    fn set_goal(&mut self, features: impl Iterator<Item = (u32, [f64; 2])>) {
+        let px = features.map(|(id, s)| (id, self.camera().pixel_of(&Vector2::from(s))));
+        self.goal_px = Some(px.collect());
+    }
+
+    fn camera_frame(&self) -> String {
+        format!("camera_{}", self.config.camera.id)
+    }
+
+    /// Transforms that hold for the whole run.
+    pub(super) fn fixed(&self, stamp: MonoNs) -> DerivedMessage {
+        let config = self.config;
+        let camera = self.camera_frame();
+        let mut transforms = Vec::new();
+        match &config.camera.mount {
+            Mount::EyeInHand { X_EC } => transforms.push((FLANGE, camera.clone(), *X_EC)),
+            Mount::EyeToHand { X_BC } => transforms.push((BASE, camera.clone(), *X_BC)),
+        }
+        let last = config.robot.joints.last().map_or(BASE, |joint| &joint.link);
+        transforms.push((last, FLANGE.to_owned(), config.robot.X_LE));
+        if let Some(X_DO) = config.set_point.X_DO().filter(|_| !config.goal.is_taught) {
+            transforms.push((TARGET, "goal".to_owned(), X_DO.inverse()));
+        }
+        transform_message("/tf_static", stamp, transforms)
+    }
+
+    /// Joint states and transforms of the arm, a hundred times a second.
+    pub(super) fn joint_state(&mut self, state: &JointState) -> Vec<DerivedMessage> {
+        if state.stamp < self.next {
+            return Vec::new();
+        }
+        self.next = state.stamp + PERIOD;
+        let robot = &self.config.robot;
+        let n = robot.joint_count();
+        let mut out = CdrOutput::new();
+        out.header(state.stamp, BASE);
+        out.length(n);
+        robot.joints.iter().for_each(|joint| out.text(&joint.name));
+        for values in [&state.q, &state.qd, &state.tau] {
+            out.length(n);
+            out.f64s(values.iter().take(n).copied());
+        }
+        let joints = DerivedMessage {
+            topic: "/joint_states".into(),
+            definition: "sensor_msgs/JointState",
+            stamp: state.stamp,
+            data: out.bytes(),
+        };
+        let parents = std::iter::once(BASE).chain(robot.joints.iter().map(|joint| joint.link.as_str()));
+        let links = robot.joints.iter().zip(state.q).zip(parents);
+        let transforms = links.map(|((joint, q), parent)| (parent, joint.link.clone(), joint.X_PL(q)));
+        vec![joints, transform_message("/tf", state.stamp, transforms.collect())]
+    }
+
+    /// The calibration of the camera, beside each frame.
+    pub(super) fn frame(&self, header: &FrameHeader) -> Option<DerivedMessage> {
+        let camera = self.config.cameras().find(|camera| u32::from(camera.id.0) == header.camera)?;
+        let (i, lens) = (camera.model.intrinsics(), camera.model.lens());
+        let mut out = CdrOutput::new();
+        out.header(header.exposure, &format!("camera_{}", camera.id));
+        out.u32(i.height_px);
+        out.u32(i.width_px);
+        out.text(lens.model().name());
+        let coefficients = lens.coefficients();
+        out.length(coefficients.len());
+        out.f64s(coefficients.into_iter().map(|(_, value)| value));
+        out.f64s([i.fx_px, 0.0, i.cx_px, 0.0, i.fy_px, i.cy_px, 0.0, 0.0, 1.0]);
+        out.f64s([1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
+        out.f64s([i.fx_px, 0.0, i.cx_px, 0.0, 0.0, i.fy_px, i.cy_px, 0.0, 0.0, 0.0, 1.0, 0.0]);
+        // no binning, and the whole of what is sent
+        (0..6).for_each(|_| out.u32(0));
+        out.u8(0);
+        Some(DerivedMessage {
+            topic: format!("/camera/{}/camera_info", camera.id),
+            definition: "sensor_msgs/CameraInfo",
+            stamp: header.exposure,
+            data: out.bytes(),
+        })
+    }
+
+    /// Where the target is, what is drawn on its frame, and whether it was found.
+    pub(super) fn measurement(&mut self, m: &Measurement) -> Vec<DerivedMessage> {
+        let mut messages = vec![self.annotations(m)];
+        if let Some(X_CO) = m.pose() {
+            let camera = self.camera_frame();
+            messages.push(transform_message("/tf", m.exposure, vec![(&camera, TARGET.to_owned(), X_CO)]));
+        }
+        let status = m.target_status();
+        if std::mem::replace(&mut self.target, status) != status {
+            let level = if status == TargetStatus::Found { INFO } else { WARN };
+            messages.push(log(m.exposure, level, "vision", &format!("target: {}", status.as_str())));
+        }
+        messages
+    }
+
+    fn annotations(&self, m: &Measurement) -> DerivedMessage {
+        let mut out = CdrOutput::new();
+        let circle = |out: &mut CdrOutput, at: [f64; 2], colour: AnnotationColour| {
+            out.time(m.exposure);
+            out.f64s(at);
+            out.f64s([SIGN_PX, LINE_PX]);
+            out.f64s(NOTHING.into_iter().chain(colour));
+        };
+        let goals = self.goal_px.iter().flatten();
+        let seen = m.features();
+        out.length(seen.len() + goals.clone().count());
+        seen.iter().for_each(|feature| circle(&mut out, [feature.u_px, feature.v_px], SEEN));
+        goals.clone().for_each(|(_, px)| circle(&mut out, (*px).into(), WANTED));
+        // From each point to where it is to be.
+        let ways = seen.iter().filter_map(|feature| {
+            let goal = self.goal_px.as_ref()?.get(&u32::try_from(feature.id).ok()?)?;
+            Some([[feature.u_px, feature.v_px], (*goal).into()])
+        });
+        const LINE_LIST: u8 = 4; // as the definition has it
+        let ends: Vec<[f64; 2]> = ways.flatten().collect();
+        out.length(usize::from(!ends.is_empty()));
+        if !ends.is_empty() {
+            out.time(m.exposure);
+            out.u8(LINE_LIST);
+            out.length(ends.len());
+            out.f64s(ends.into_iter().flatten());
+            out.f64s(WANTED);
+            out.length(0);
+            out.f64s(NOTHING);
+            out.f64(LINE_PX);
+        }
+        out.length(seen.len());
+        for feature in seen {
+            out.time(m.exposure);
+            out.f64s([feature.u_px + SIGN_PX, feature.v_px]);
+            out.text(&feature.id.to_string());
+            out.f64(SIGN_PX);
+            out.f64s(SEEN.into_iter().chain(NOTHING));
+        }
+        DerivedMessage {
+            topic: format!("/camera/{}/annotations", m.camera),
+            definition: "foxglove_msgs/ImageAnnotations",
+            stamp: m.exposure,
+            data: out.bytes(),
+        }
+    }
+
+    /// What happened at a tick.
+    pub(super) fn tick(&mut self, tick: &TraceMsg) -> Vec<DerivedMessage> {
+        let mut messages = Vec::new();
+        let before = self.before.replace((tick.state, tick.fault));
+        let state = ControlState::from_code(tick.state).as_str();
+        if before.map(|(state, _)| state) != Some(tick.state) {
+            messages.push(log(tick.stamp, INFO, "control", &format!("state: {state}")));
+        }
+        let is_new = before.map(|(_, fault)| fault) != Some(tick.fault);
+        if let Some(fault) = Fault::from_code(tick.fault).filter(|_| is_new) {
+            messages.push(log(tick.stamp, ERROR, "control", &format!("fault: {}", fault.describe())));
+        }
+        for word in event_words(tick.events).filter(|word| *word != "fault") {
+            if word == "taught" {
+                // Where the goal is now is not in a tick.
+                self.goal_px = None;
+            }
+            messages.push(log(tick.stamp, INFO, "control", &word.replace('_', " ")));
+        }
+        messages
+    }
+
+    /// A request of a client, which may change the goal.
+    pub(super) fn request(&mut self, request: &RequestMsg) -> Vec<DerivedMessage> {
+        let word = Request::from_code(request.request).map_or("unknown", Request::as_str);
+        let accepted = request.refusal == 0;
+        let (level, what) = if accepted { (INFO, "accepted") } else { (WARN, "refused") };
+        if accepted && Request::from_code(request.request) == Some(Request::Goal) {
+            self.goal_of(request);
+        }
+        vec![log(request.stamp, level, "client", &format!("{word}: {what}"))]
+    }
+
+    fn goal_of(&mut self, request: &RequestMsg) {
+        let values = request.values;
+        if request.form == CommandForm::Features as u32 {
+            let (points, _) = values.as_chunks::<2>();
+            let count = request.count as usize / 2;
+            self.set_goal(request.ids.into_iter().zip(points.iter().copied()).take(count));
+        } else if request.form == CommandForm::Pose as u32 {
+            let [x, y, z, i, j, k, w, ..] = values;
+            let rotation = UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k));
+            let X_DO = Pose::from_parts([x, y, z].into(), rotation);
+            let points = self.config.target.points();
+            let px = points.iter().filter_map(|p| Some((p.id, self.camera().project(&(X_DO * p.p_O))?)));
+            self.goal_px = Some(px.collect());
+        }
+    }
+}
+
+fn log(stamp: MonoNs, level: u8, name: &str, what: &str) -> DerivedMessage {
+    let mut out = CdrOutput::new();
+    out.time(stamp);
+    out.u8(level);
+    out.text(name);
+    out.text(what);
+    out.text("");
+    out.text("");
+    out.u32(0);
+    DerivedMessage { topic: "/rosout".into(), definition: "rcl_interfaces/Log", stamp, data: out.bytes() }
+}
+
+/// Transforms: parent, child, and the child's pose in the parent.
+fn transform_message(topic: &str, stamp: MonoNs, transforms: Vec<(&str, String, Pose)>) -> DerivedMessage {
+    let mut out = CdrOutput::new();
+    out.length(transforms.len());
+    for (parent, child, X) in transforms {
+        out.header(stamp, parent);
+        out.text(&child);
+        out.f64s(X.translation.vector.iter().copied());
+        out.f64s(X.rotation.coords.iter().copied());
+    }
+    DerivedMessage { topic: topic.into(), definition: "tf2_msgs/TFMessage", stamp, data: out.bytes() }
+}

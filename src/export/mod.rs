@@ -1,0 +1,11 @@
+//! A recording for other programs (`vservo export`): with the messages that viewers know by themselves beside the records ([`write_for_viewers`]), or as tables
+//! ([`write_tables`]).
+
+mod cdr;
+mod definitions;
+mod derived;
+mod tables;
+mod viewers;
+
+pub use tables::{ExportedTable, write_tables};
+pub use viewers::{ViewerKind, write_for_viewers};

@@ -1,0 +1,67 @@
+//! A view's ends of the services: of a run that is watched. They get what others get, and one place of each service is left free, so that however many
+//! watch, a recorder still finds one.
+
+use super::{
+    Channel, HEALTH_BUFFER, IpcError, MEASUREMENT_BUFFER, STATUS_RECORDER_BUFFER, Services, TRACE_BUFFER,
+    port_error,
+};
+use crate::ipc::Receiver;
+use crate::ipc::frame_shape::MAX_READERS;
+use crate::messages::{CameraHealth, CameraId, Measurement, Status, TraceMsg};
+use iceoryx2::prelude::{PortFactory, ZeroCopySend};
+use std::fmt::Debug;
+
+/// Measurements that wait for a view. Chosen by hand: more than half a second of any camera that the tests know, and views look twenty times a second.
+const VIEW_BUFFER: usize = 64;
+
+impl Services {
+    /// A view's end of `control/status`: the newest only.
+    ///
+    /// # Errors
+    /// When the service or the port cannot be made, or as many read it as may; so for all that follow.
+    pub fn status_view(&self) -> Result<Receiver<Status>, IpcError> {
+        self.view(Channel::Status, STATUS_RECORDER_BUFFER, 1)
+    }
+
+    /// A view's end of `control/trace`, of which it may lag behind by 1024 ticks.
+    ///
+    /// # Errors
+    /// As for [`Self::status_view`].
+    pub fn trace_view(&self) -> Result<Receiver<TraceMsg>, IpcError> {
+        self.view(Channel::Trace, TRACE_BUFFER, TRACE_BUFFER)
+    }
+
+    /// A view's end of `vision/N/measurement`.
+    ///
+    /// # Errors
+    /// As for [`Self::status_view`].
+    pub fn measurement_view(&self, camera: CameraId) -> Result<Receiver<Measurement>, IpcError> {
+        self.view(Channel::Measurement(camera), MEASUREMENT_BUFFER, VIEW_BUFFER)
+    }
+
+    /// A view's end of `camera/N/health`.
+    ///
+    /// # Errors
+    /// As for [`Self::status_view`].
+    pub fn health_view(&self, camera: CameraId) -> Result<Receiver<CameraHealth>, IpcError> {
+        self.view(Channel::Health(camera), HEALTH_BUFFER, HEALTH_BUFFER)
+    }
+
+    fn view<T: ZeroCopySend + Debug + Copy>(
+        &self,
+        service: Channel,
+        limit: usize,
+        buffer: usize,
+    ) -> Result<Receiver<T>, IpcError> {
+        let readers = self.publish_subscribe::<T>(service, limit)?.dynamic_config().number_of_subscribers();
+        if readers + 1 >= MAX_READERS {
+            return Err(port_error(
+                service,
+                format!(
+                    "ExceedsMaxSupportedSubscribers: {readers} read it, and a place is left to a recorder"
+                ),
+            ));
+        }
+        self.receiver(service, limit, buffer)
+    }
+}

@@ -1,0 +1,327 @@
+//! What is known of a run that is watched: the newest records, and what is kept of those before.
+
+use crate::control::safety::Fault;
+use crate::control::trace::event_words;
+use crate::messages::{
+    CameraHealth, CameraId, CameraState, ControlState, Measurement, Status, TargetStatus, TraceMsg,
+    trace_flag,
+};
+use crate::report::histogram::SpanHistogram;
+use crate::report::run_page::JointSummary;
+use crate::time::{MonoNs, SpanNs};
+use std::collections::{BTreeMap, VecDeque};
+
+/// Errors that are kept: a minute at 25 Hz, chosen by hand; more than a terminal has columns of dots.
+const MOST_ERRORS: usize = 1500;
+/// Places of each point that are kept for its trail: two seconds at 25 Hz, chosen by hand, so that a trail shows where the point came from, and no cloud.
+const MOST_PLACES: usize = 50;
+/// Events that are kept. Chosen by hand: as many as a tall terminal has rows.
+const MOST_EVENTS: usize = 100;
+/// Silence of a service that is told. Chosen by hand: 25 records of the status, which comes 50 times a second.
+pub(super) const SILENT: SpanNs = SpanNs(500_000_000);
+/// Frames that may be missing before that is told. Chosen by hand: control itself looks ahead over some.
+const MISSING_FRAMES: f64 = 5.0;
+
+/// What does not change in a run.
+#[derive(Debug, Clone, Default)]
+pub struct CellFacts {
+    /// The name of the instance.
+    pub instance: String,
+    /// Whether time is simulated.
+    pub lockstep: bool,
+    /// Whether the run serves requests.
+    pub serves: bool,
+    /// The joints, with their limits.
+    pub joints: Vec<JointSummary>,
+    /// Columns and rows of the image.
+    pub image_px: [f64; 2],
+    /// Feature error below which the goal is reached, px.
+    pub goal_error_px: f64,
+    /// For how long it must be held, s.
+    pub hold_s: f64,
+    /// Frames per second that are asked for.
+    pub rate_hz: f64,
+}
+
+/// A record, and when it came by the watcher's own clock.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Newest<T> {
+    pub(super) record: T,
+    pub(super) came: MonoNs,
+}
+
+/// Everything that the screen shows.
+#[derive(Debug, Clone, Default)]
+pub struct RunView {
+    pub(super) facts: CellFacts,
+    pub(super) status: Option<Newest<Status>>,
+    pub(super) trace: Option<TraceMsg>,
+    pub(super) measurement: Option<Newest<Measurement>>,
+    pub(super) health: BTreeMap<u32, CameraHealth>,
+    /// Where each point of the goal is to be, px, by its number.
+    pub(super) goal_px: BTreeMap<u32, [f64; 2]>,
+    /// Where each point was.
+    pub(super) trails: BTreeMap<u64, VecDeque<[f64; 2]>>,
+    /// Feature errors, px, oldest first.
+    pub(super) errors_px: VecDeque<f64>,
+    /// When something happened, s, and what.
+    pub(super) events: VecDeque<(f64, String)>,
+    /// Deadline of a tick to its command.
+    pub(super) tick_times: SpanHistogram,
+    /// Exposure to command.
+    pub(super) latencies: SpanHistogram,
+    /// What became of the last request of this user.
+    pub(super) word: String,
+    /// Why nothing comes any more.
+    pub(super) ended: Option<String>,
+    /// The stamp at the run's time 0.
+    origin: Option<MonoNs>,
+    sequence: Option<u64>,
+    /// Ticks that this watcher did not see.
+    pub(super) unseen: u64,
+}
+
+impl RunView {
+    /// Of a run of which nothing came yet.
+    #[must_use]
+    pub fn new(facts: CellFacts) -> Self {
+        Self { facts, ..Self::default() }
+    }
+
+    /// Takes in a state of the run that came at `now` of the watcher's clock. Whether the goal may be another one than the known one.
+    pub fn status(&mut self, record: &Status, now: MonoNs) -> bool {
+        let before = self.status.replace(Newest { record: *record, came: now }).map(|newest| newest.record);
+        self.origin = Some(record.stamp - SpanNs::from_s(record.time_s));
+        let camera = |status: &Status| CameraState::from_code(status.camera_state);
+        if before.as_ref().is_some_and(|b| camera(b) != camera(record)) {
+            self.event(record.time_s, format!("camera {}", camera(record).as_str()));
+        }
+        before.is_none_or(|b| b.goal != record.goal)
+    }
+
+    /// Takes in a tick.
+    pub fn tick(&mut self, record: &TraceMsg) {
+        let time_s = self.origin.map_or(f64::NAN, |origin| (record.stamp - origin).as_s());
+        if let Some(next) = self.sequence.map(|sequence| sequence + 1) {
+            self.unseen += record.sequence.saturating_sub(next);
+        }
+        self.sequence = Some(record.sequence);
+        let before = self.trace.replace(*record);
+        if let Some(before) = before.filter(|b| b.state != record.state) {
+            let [from, to] = [before.state, record.state].map(|code| ControlState::from_code(code).as_str());
+            self.event(time_s, format!("{from} -> {to}"));
+        }
+        if let Some(fault) =
+            Fault::from_code(record.fault).filter(|_| before.is_none_or(|b| b.fault != record.fault))
+        {
+            self.event(time_s, format!("fault: {}", fault.describe()));
+        }
+        for word in event_words(record.events).filter(|word| *word != "fault") {
+            self.event(time_s, word.replace('_', " "));
+        }
+        if !self.facts.lockstep {
+            self.tick_times.record(record.commanded - record.stamp);
+        }
+        if record.flags & trace_flag::MEASUREMENT != 0 {
+            self.latencies.record(record.commanded - record.exposure);
+            if record.feature_error_px.is_finite() {
+                keep(&mut self.errors_px, record.feature_error_px, MOST_ERRORS);
+            }
+        }
+    }
+
+    /// Takes in a measurement that came at `now` of the watcher's clock.
+    pub fn measurement(&mut self, record: &Measurement, now: MonoNs) {
+        let target = |m: &Measurement| m.target_status();
+        let before = self.measurement.replace(Newest { record: *record, came: now });
+        let before = before.map_or(TargetStatus::Found, |newest| target(&newest.record));
+        if before != target(record) {
+            let time_s = self.origin.map_or(f64::NAN, |origin| (record.exposure - origin).as_s());
+            self.event(time_s, format!("target: {}", target(record).as_str()));
+        }
+        // A point that is not seen has no trail any more.
+        let seen = record.features();
+        self.trails.retain(|id, _| seen.iter().any(|feature| feature.id == *id));
+        for feature in seen {
+            keep(self.trails.entry(feature.id).or_default(), [feature.u_px, feature.v_px], MOST_PLACES);
+        }
+    }
+
+    /// Takes in how a real camera stands.
+    pub fn health(&mut self, camera: CameraId, record: &CameraHealth) {
+        self.health.insert(u32::from(camera.0), *record);
+    }
+
+    /// Takes in where the points of the goal are to be, px.
+    pub fn goal(&mut self, points_px: impl IntoIterator<Item = (u32, [f64; 2])>) {
+        self.goal_px = points_px.into_iter().collect();
+    }
+
+    /// What became of a request of this user.
+    pub fn say(&mut self, word: impl Into<String>) {
+        self.word = word.into();
+    }
+
+    /// An answer to a request of this user; among the events, so that a long one has room.
+    pub fn answered(&mut self, word: &str) {
+        let time_s = self.status.map_or(f64::NAN, |newest| newest.record.time_s);
+        self.event(time_s, word.to_owned());
+        self.say(word);
+    }
+
+    /// The run is over, or cannot be reached any more; the last that was known stays.
+    pub fn end(&mut self, why: impl Into<String>) {
+        self.ended = Some(why.into());
+    }
+
+    fn event(&mut self, time_s: f64, what: String) {
+        keep(&mut self.events, (time_s, what), MOST_EVENTS);
+    }
+
+    /// The state of control.
+    pub(super) fn state(&self) -> Option<ControlState> {
+        let code = self.status.map(|newest| newest.record.state);
+        code.or(self.trace.map(|trace| trace.state)).map(ControlState::from_code)
+    }
+
+    /// What the run waits for, or what it does, in words; and whether that is in order.
+    pub(super) fn waits_for(&self, now: MonoNs) -> (String, bool) {
+        if let Some(why) = &self.ended {
+            return (why.clone(), false);
+        }
+        let Some(Newest { record: s, came }) = self.status else {
+            return ("waits for control's first word".into(), false);
+        };
+        if now - came > SILENT {
+            let for_s = (now - came).as_s();
+            return (
+                format!("nothing came from control for {for_s:.1} s: it hangs, or the machine is too busy"),
+                false,
+            );
+        }
+        let camera = CameraState::from_code(s.camera_state);
+        let target = TargetStatus::from_code(s.target);
+        let view = if camera.is_away() {
+            format!("the camera, which is {} for {:.1} s", camera.as_str(), s.camera_state_s)
+        } else if self.measurement.is_none() {
+            "the first frame".into()
+        } else {
+            format!("a view of the target: {}", target.as_str())
+        };
+        let tolerance = format!("{} px for {} s", self.facts.goal_error_px, self.facts.hold_s);
+        match ControlState::from_code(s.state) {
+            ControlState::Waiting => (format!("waits for {view}"), false),
+            ControlState::Servoing if s.at_goal_s.is_finite() => {
+                (format!("at the goal for {:.1} s", s.at_goal_s), true)
+            }
+            ControlState::Servoing => (format!("moves to the goal, which is {tolerance}"), true),
+            ControlState::Holding => (format!("stands, and waits for {view}"), false),
+            ControlState::Returning => {
+                (format!("returns to where it saw the target, and waits for {view}"), false)
+            }
+            ControlState::Converged => ("the goal was reached and held".into(), true),
+            ControlState::Stopped => ("the run is over".into(), true),
+            ControlState::Fault => {
+                let fault = self.trace.and_then(|trace| Fault::from_code(trace.fault));
+                let after = if self.facts.serves { "; see to its cause, then r" } else { "" };
+                (fault.map_or_else(|| "a fault".into(), |f| f.describe().to_owned()) + after, false)
+            }
+            ControlState::Idle => ("waits for a start: s".into(), true),
+            ControlState::Teaching => (format!("takes the present view as its goal; waits for {view}"), true),
+            ControlState::Stopping => ("comes to rest".into(), true),
+            ControlState::Held => ("held on request; waits for a start: s".into(), true),
+            ControlState::Moving => ("moves to a posture that was asked for".into(), true),
+        }
+    }
+
+    /// How long no measurement came, s, where that is too long.
+    pub(super) fn blind_for_s(&self, now: MonoNs) -> Option<f64> {
+        let for_s = (now - self.measurement?.came).as_s();
+        (for_s > (MISSING_FRAMES / self.facts.rate_hz).max(SILENT.as_s())).then_some(for_s)
+    }
+}
+
+fn keep<T>(queue: &mut VecDeque<T>, entry: T, most: usize) {
+    if queue.len() >= most {
+        queue.pop_front();
+    }
+    queue.push_back(entry);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::control::safety::Fault;
+
+    #[test]
+    fn what_is_kept_is_bounded_and_changes_become_events() {
+        let mut view = RunView::new(CellFacts { lockstep: false, ..CellFacts::default() });
+        let at = |ms: i64| MonoNs(ms * 1_000_000);
+        let status = Status { stamp: at(1000), time_s: 1.0, goal: 2, ..Status::default() };
+        assert!(view.status(&status, at(0)), "the goal is not known yet");
+        assert!(!view.status(&status, at(20)));
+        assert!(view.status(&Status { goal: 3, ..status }, at(40)));
+        for k in 0..5000_u64 {
+            let trace = TraceMsg {
+                sequence: k,
+                stamp: at(1000 + k as i64),
+                commanded: at(1000 + k as i64) + SpanNs(70_000),
+                exposure: at(980 + k as i64),
+                flags: trace_flag::MEASUREMENT,
+                feature_error_px: k as f64,
+                state: if k % 2 == 0 { 0 } else { 1 },
+                ..TraceMsg::default()
+            };
+            view.tick(&trace);
+            let mut m = Measurement { status: 0, feature_count: 1, ..Measurement::default() };
+            m.features[0].u_px = k as f64;
+            view.measurement(&m, at(0));
+        }
+        assert_eq!((view.errors_px.len(), view.errors_px.back()), (MOST_ERRORS, Some(&4999.0)));
+        assert_eq!((view.events.len(), view.trails[&0].len()), (MOST_EVENTS, MOST_PLACES));
+        assert_eq!(view.events.back().unwrap().1, "waiting -> servoing");
+        assert!((view.events.back().unwrap().0 - 5.999).abs() < 1e-9, "times of the run");
+        assert_eq!((view.tick_times.count(), view.unseen), (5000, 0));
+        assert!((view.latencies.quantile_ns(0.5) as f64 / 20.07e6 - 1.0).abs() < 0.04);
+        let fault =
+            TraceMsg { sequence: 5010, fault: Fault::TrackingError.code(), state: 5, ..TraceMsg::default() };
+        view.tick(&fault);
+        view.tick(&TraceMsg { sequence: 5011, ..fault });
+        assert_eq!(view.unseen, 10);
+        let told = view.events.iter().filter(|(_, what)| what.starts_with("fault: a joint")).count();
+        assert_eq!(told, 1, "once");
+        view.measurement(&Measurement::default(), at(0));
+        assert!(view.trails.is_empty() && view.events.back().unwrap().1.contains("no contrast"));
+    }
+
+    #[test]
+    fn it_says_what_a_run_waits_for() {
+        let facts = CellFacts { goal_error_px: 0.05, hold_s: 0.5, rate_hz: 25.0, ..CellFacts::default() };
+        let mut view = RunView::new(facts);
+        assert!(view.waits_for(MonoNs(0)).0.contains("first word"));
+        let word = |view: &mut RunView, status: Status| {
+            view.status(&status, MonoNs(0));
+            view.waits_for(MonoNs(1)).0
+        };
+        let s = Status { at_goal_s: f64::NAN, ..Status::default() };
+        assert_eq!(word(&mut view, s), "waits for the first frame");
+        view.measurement(&Measurement { status: 2, ..Measurement::default() }, MonoNs(0));
+        assert!(
+            word(&mut view, Status { target: 2, ..s })
+                .starts_with("waits for a view of the target: fewer marks")
+        );
+        let gone = Status { state: 2, camera_state: 5, camera_state_s: 3.2, ..s };
+        assert_eq!(word(&mut view, gone), "stands, and waits for the camera, which is unplugged for 3.2 s");
+        assert_eq!(
+            word(&mut view, Status { state: 1, ..s }),
+            "moves to the goal, which is 0.05 px for 0.5 s"
+        );
+        assert_eq!(word(&mut view, Status { state: 1, at_goal_s: 2.0, ..s }), "at the goal for 2.0 s");
+        assert!(word(&mut view, Status { state: 6, ..s }).contains("start: s"));
+        assert!(view.waits_for(MonoNs(3_000_000_000)).0.contains("nothing came from control for 3.0 s"));
+        assert_eq!(view.blind_for_s(MonoNs(100_000_000)), None);
+        assert_eq!(view.blind_for_s(MonoNs(2_000_000_000)), Some(2.0));
+        view.end("the run has ended");
+        assert_eq!(view.waits_for(MonoNs(0)).0, "the run has ended");
+    }
+}
