@@ -7,6 +7,7 @@ pub mod camera;
 pub mod control;
 #[cfg(feature = "cli")]
 pub mod drive_guard;
+#[cfg(feature = "cli")]
 pub mod drive_ur;
 mod error;
 #[cfg(feature = "cli")]
