@@ -50,6 +50,13 @@ struct JointRest {
     share: f64,
 }
 
+/// The same of a whole arm.
+struct ArmRest<const N: usize> {
+    joints: [JointRest; N],
+    /// The frequency, Hz, that takes the greatest share of what is left, and that share.
+    frequency: Option<(f64, f64)>,
+}
+
 pub(super) fn findings(evidence: &RunEvidence) -> Option<RunFinding> {
     let drive = &evidence.config.drive;
     if drive.mode != CommandMode::Torque || drive.kind == DriveKind::None {
@@ -59,8 +66,9 @@ pub(super) fn findings(evidence: &RunEvidence) -> Option<RunFinding> {
 }
 
 fn of_robot<const N: usize>(robot: &Robot<N>, evidence: &RunEvidence) -> Option<RunFinding> {
-    let (rests, frequency) = rests(robot, evidence)?;
-    let matter: Vec<(usize, JointRest)> = (1..).zip(rests).filter(|(_, rest)| rest.share > MATTERS).collect();
+    let ArmRest { joints, frequency } = rests(robot, evidence)?;
+    let matter: Vec<(usize, JointRest)> =
+        (1..).zip(joints).filter(|(_, rest)| rest.share > MATTERS).collect();
     let like: Vec<_> = matter.iter().filter(|(_, r)| r.correlation > LIKE_ROTOR).collect();
     let unlike = matter.iter().filter(|(_, r)| r.correlation < UNLIKE_ROTOR).count();
     let turns_itself = |(_, r): &(usize, JointRest)| r.share > TURNS_ITSELF && r.correlation > FOLLOWS;
@@ -111,10 +119,7 @@ fn of_robot<const N: usize>(robot: &Robot<N>, evidence: &RunEvidence) -> Option<
 }
 
 /// What is left in each joint, and the frequency that takes the greatest share of it, with that share.
-fn rests<const N: usize>(
-    robot: &Robot<N>,
-    evidence: &RunEvidence,
-) -> Option<([JointRest; N], Option<(f64, f64)>)> {
+fn rests<const N: usize>(robot: &Robot<N>, evidence: &RunEvidence) -> Option<ArmRest<N>> {
     let trace = &evidence.trace;
     let times = trace.numbers("time_s");
     let columns = |name: &str| (1..=N).map(|i| trace.numbers(&format!("{name}_{i}"))).collect::<Vec<_>>();
@@ -157,7 +162,7 @@ fn rests<const N: usize>(
     let limits = robot.limits();
     let weighed: Vec<SVector<f64, N>> =
         fast.iter().map(|entry| SVector::from_fn(|i, _| entry[0][i] / limits[i].effort)).collect();
-    Some((rests, strongest(&weighed, &seconds)))
+    Some(ArmRest { joints: rests, frequency: strongest(&weighed, &seconds) })
 }
 
 /// The same without what changes slowly.

@@ -9,7 +9,7 @@ use crate::explain::{Explanation, RunEvidence, explain};
 use crate::messages::{FrameHeader, Measurement};
 use crate::record::RecordingReader;
 use crate::replay::{RecordedRun, ReplayError};
-use crate::report::compare_page::{ComparedRun, compare_page};
+use crate::report::compare_page::{PairedRun, compare_page};
 use crate::report::csv_table::CsvTable;
 use crate::report::run_page::run_facts;
 use std::collections::VecDeque;
@@ -80,14 +80,14 @@ pub fn write_recorded<R: Read>(
 /// # Errors
 /// When a file cannot be written.
 pub fn write_compared(report: NewReport, runs: [(String, RunEvidence); 2]) -> Result<PathBuf, ProcessError> {
-    let compared = |(name, evidence): (String, RunEvidence)| -> Result<ComparedRun, ProcessError> {
+    let compared = |(name, evidence): (String, RunEvidence)| -> Result<PairedRun, ProcessError> {
         let Explanation { verdict, findings, .. } = explain(&evidence);
         let RunEvidence { summary, config, trace, measurements } = evidence;
         // what was just written as TOML is TOML
         let table = config.to_toml()?.parse::<toml::Table>().unwrap_or_default();
         let mut settings = Vec::new();
         flatten("", &table, &mut settings);
-        Ok(ComparedRun {
+        Ok(PairedRun {
             name,
             verdict,
             findings: findings.into_iter().map(|finding| finding.what).collect(),

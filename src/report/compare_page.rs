@@ -10,7 +10,7 @@ use std::fmt::Write;
 
 /// One of the two.
 #[derive(Debug, Clone, Default)]
-pub struct ComparedRun {
+pub struct PairedRun {
     /// What it is called: its file.
     pub name: String,
     /// How it ended, in a sentence.
@@ -31,7 +31,7 @@ pub struct ComparedRun {
 
 /// The page.
 #[must_use]
-pub fn compare_page(runs: &[ComparedRun; 2]) -> String {
+pub fn compare_page(runs: &[PairedRun; 2]) -> String {
     let [a, b] = runs;
     let mut sections = vec![table("", &verdicts(runs), runs), facts(runs), settings(runs)];
     sections.push(errors(runs));
@@ -42,7 +42,7 @@ pub fn compare_page(runs: &[ComparedRun; 2]) -> String {
 /// A row of a table: what, and of each run the value.
 type ComparedRow = (String, [String; 2]);
 
-fn table(title: &str, rows: &[ComparedRow], runs: &[ComparedRun; 2]) -> String {
+fn table(title: &str, rows: &[ComparedRow], runs: &[PairedRun; 2]) -> String {
     let mut html = if title.is_empty() { String::new() } else { heading(title, "") };
     let [a, b] = runs.each_ref().map(|run| escaped(&run.name));
     // a String takes everything
@@ -54,8 +54,8 @@ fn table(title: &str, rows: &[ComparedRow], runs: &[ComparedRun; 2]) -> String {
     html + "</table>\n"
 }
 
-fn verdicts(runs: &[ComparedRun; 2]) -> Vec<ComparedRow> {
-    let findings = |run: &ComparedRun| {
+fn verdicts(runs: &[PairedRun; 2]) -> Vec<ComparedRow> {
+    let findings = |run: &PairedRun| {
         if run.findings.is_empty() {
             "nothing out of the ordinary".to_owned()
         } else {
@@ -72,7 +72,7 @@ fn value(list: &[(String, String)], name: &str) -> String {
     list.iter().find(|(known, _)| known == name).map_or_else(|| "-".to_owned(), |(_, value)| value.clone())
 }
 
-fn facts(runs: &[ComparedRun; 2]) -> String {
+fn facts(runs: &[PairedRun; 2]) -> String {
     let mut names: Vec<&String> = Vec::new();
     for (name, _) in runs.iter().flat_map(|run| &run.facts) {
         if !names.contains(&name) {
@@ -86,7 +86,7 @@ fn facts(runs: &[ComparedRun; 2]) -> String {
     table("Figures", &rows, runs)
 }
 
-fn settings(runs: &[ComparedRun; 2]) -> String {
+fn settings(runs: &[PairedRun; 2]) -> String {
     const TITLE: &str = "What differs in the run files";
     let keys: BTreeSet<&String> =
         runs.iter().flat_map(|run| run.settings.iter().map(|(key, _)| key)).collect();
@@ -104,8 +104,8 @@ fn settings(runs: &[ComparedRun; 2]) -> String {
 fn panel(
     title: &str,
     unit: &str,
-    runs: &[ComparedRun; 2],
-    points: impl Fn(&ComparedRun) -> Vec<[f64; 2]>,
+    runs: &[PairedRun; 2],
+    points: impl Fn(&PairedRun) -> Vec<[f64; 2]>,
 ) -> Panel {
     let mut panel = Panel::new(title, "t, s", unit);
     for (i, run) in runs.iter().enumerate() {
@@ -114,7 +114,7 @@ fn panel(
     panel
 }
 
-fn errors(runs: &[ComparedRun; 2]) -> String {
+fn errors(runs: &[PairedRun; 2]) -> String {
     const TITLE: &str = "Feature error over time";
     let panels = [panel("features", "root mean square, px", runs, |run| {
         run.measurements.points("taken_s", "error_px")
@@ -123,8 +123,8 @@ fn errors(runs: &[ComparedRun; 2]) -> String {
     figure(TITLE, &ends(runs), "", |width| figure_svg(&panels, 1, width, TITLE))
 }
 
-fn ends(runs: &[ComparedRun; 2]) -> String {
-    let last = |run: &ComparedRun| {
+fn ends(runs: &[PairedRun; 2]) -> String {
+    let last = |run: &PairedRun| {
         let points = run.measurements.points("taken_s", "error_px");
         let end = points
             .last()
@@ -136,7 +136,7 @@ fn ends(runs: &[ComparedRun; 2]) -> String {
 }
 
 /// The joints, where both arms have the same.
-fn joints(runs: &[ComparedRun; 2]) -> Option<String> {
+fn joints(runs: &[PairedRun; 2]) -> Option<String> {
     const TITLE: &str = "Joints over time";
     let [a, b] = runs;
     if a.joints != b.joints || a.joints.is_empty() {
@@ -155,9 +155,9 @@ fn joints(runs: &[ComparedRun; 2]) -> Option<String> {
 mod tests {
     use super::*;
 
-    fn run(name: &str, gain: &str, error: &str) -> ComparedRun {
+    fn run(name: &str, gain: &str, error: &str) -> PairedRun {
         let pair = |a: &str, b: &str| (a.to_owned(), b.to_owned());
-        ComparedRun {
+        PairedRun {
             name: name.into(),
             verdict: format!("{name} <ended>"),
             facts: vec![pair("clock", "lockstep")],
@@ -165,7 +165,7 @@ mod tests {
             joints: vec!["joint_1".into()],
             trace: CsvTable::parse("time_s,q_1\n0,1\n1,2\n"),
             measurements: CsvTable::parse(&format!("taken_s,error_px\n0,100\n1,{error}\n")),
-            ..ComparedRun::default()
+            ..PairedRun::default()
         }
     }
 
@@ -179,7 +179,7 @@ mod tests {
         assert!(html.contains("&lt;ended&gt;") && html.contains("Joints over time"));
         let same = compare_page(&[run("a", "1", "1"), run("b", "1", "1")]);
         assert!(same.contains("what differs in the runs is chance"));
-        let other = ComparedRun { joints: vec!["x".into()], ..run("b", "1", "1") };
+        let other = PairedRun { joints: vec!["x".into()], ..run("b", "1", "1") };
         assert!(!compare_page(&[run("a", "1", "1"), other]).contains("Joints over time"));
     }
 }
