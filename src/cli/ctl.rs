@@ -71,7 +71,8 @@ pub(super) fn ctl(arguments: &CtlArguments) -> Result<u8, ProcessError> {
             client.set(setting, *value)
         }
         CtlCommand::Reset => client.reset(),
-        CtlCommand::Stop => client.stop(),
+        CtlCommand::Stop { latched: false } => client.stop(),
+        CtlCommand::Stop { latched: true } => client.latch_stop(),
         CtlCommand::Shutdown => client.shutdown(),
     }?;
     Ok(told(&answer, common.json))

@@ -104,7 +104,11 @@ pub enum CtlCommand {
     /// Forget the fault
     Reset,
     /// Stand, and be idle
-    Stop,
+    Stop {
+        /// As by a fault: nothing starts before `reset`
+        #[arg(long)]
+        latched: bool,
+    },
     /// Stop, and end the run
     Shutdown,
     /// Do the steps of a program (TOML), as `vservo do`

@@ -139,6 +139,16 @@ impl Client {
         self.halt(Halt::Stop, Request::Stop)
     }
 
+    /// Come to rest as by a fault, which is there until [`Self::reset`].
+    ///
+    /// # Errors
+    /// As for [`Self::status`].
+    pub fn latch_stop(&self) -> Result<RunAnswer, ProcessError> {
+        let patience = AnswerTimeout::begin(self.timeout_s, self.interrupted.clone());
+        let state = reach::latch(&self.instance, &patience)?;
+        Ok(RunAnswer::of_halt(&self.instance, Request::Stop, state))
+    }
+
     /// Come to rest, and end the run.
     ///
     /// # Errors

@@ -83,6 +83,26 @@ pub(super) fn halt(
     }
 }
 
+/// Latches a stop of `instance`; control's state right after that.
+pub(super) fn latch(instance: &Instance, patience: &AnswerTimeout) -> Result<ControlState, ProcessError> {
+    let mut word = None;
+    loop {
+        if word.is_none() {
+            word = instance.open_stop_word()?;
+            if let Some(word) = &word {
+                let _ = word.ask(Halt::Latch);
+            }
+        }
+        let there = find(instance);
+        if let Some(state) = word.as_ref().and_then(|word| word.begun(Halt::Latch)) {
+            return Ok(state);
+        }
+        there?;
+        patience.check(instance)?;
+        std::thread::sleep(LOOK);
+    }
+}
+
 /// Asks control of `instance`. What the transport does cannot be told to hurry, so that it is done beside.
 pub(super) fn ask(
     instance: &Instance,

@@ -6,6 +6,14 @@
 //! asked += 1  ────────────────────────►   asked differs from taken: does it
 //! waits until taken has come that far ◄── state, then taken = asked
 //! ```
+//! A latched stop is not taken before it is reset: whoever asks for it anew meanwhile changes nothing.
+//!
+//! ```text
+//! file                                    offset  8 bytes each, little endian, 0 at first
+//! /dev/shm/vservo-NAME/stop                    0  stop: add 1 to ask for it
+//!                                             24  shutdown: the same
+//!                                             48  latched stop: the same, or any other number than lies there
+//! ```
 //! Control makes the page anew when it takes its role; it is reserved then, and removed with the rest of the instance.
 
 mod file;
@@ -27,11 +35,13 @@ pub enum Halt {
     Stop,
     /// The arm comes to rest, and the run ends.
     Shutdown,
+    /// The arm comes to rest as by a fault, which is there until it is reset.
+    Latch,
 }
 
 impl Halt {
     /// All.
-    pub const ALL: [Self; 2] = [Self::Stop, Self::Shutdown];
+    pub const ALL: [Self; 3] = [Self::Stop, Self::Shutdown, Self::Latch];
 }
 
 /// One thing that can be asked for: how often it was, how far control has come with that, and the state it led to. Zero at first.
@@ -80,6 +90,7 @@ impl StopWord {
         match halt {
             Halt::Stop => &page.lines[0],
             Halt::Shutdown => &page.lines[1],
+            Halt::Latch => &page.lines[2],
         }
     }
 
@@ -96,6 +107,18 @@ impl StopWord {
         // Numbers go round before they run out: the nearer half of them lies ahead.
         let has_come = line.taken.load(Ordering::Acquire).wrapping_sub(number) < u64::MAX / 2;
         has_come.then(|| ControlState::from_code(line.state.load(Ordering::Relaxed)))
+    }
+
+    /// For control: has begun what request `number` asks for, and stays in it; [`Self::take`] is its end.
+    pub fn begin(&self, halt: Halt, state: ControlState) {
+        self.line(halt).state.store(state as u32, Ordering::Relaxed);
+    }
+
+    /// Control's state since it has begun what is asked for and not taken; `None` where it has not.
+    #[must_use]
+    pub fn begun(&self, halt: Halt) -> Option<ControlState> {
+        let code = self.line(halt).state.load(Ordering::Relaxed);
+        (code != 0 && self.asked(halt).is_some()).then(|| ControlState::from_code(code))
     }
 
     /// For control: the newest request for `halt` that it has not taken. Two loads, no system call.

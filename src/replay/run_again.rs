@@ -207,7 +207,7 @@ impl<const N: usize> ControlAgain<N> {
             self.control.sense(tick, time);
         }
         let fault = reported_fault(then);
-        if let Some(fault @ (Fault::DeadlinesMissed | Fault::CompanionSilent)) = fault {
+        if let Some(fault @ (Fault::DeadlinesMissed | Fault::CompanionSilent | Fault::StopLatched)) = fault {
             self.control.fail(fault);
         }
         if then.flags & trace_flag::END_ASKED != 0 {

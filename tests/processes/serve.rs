@@ -148,6 +148,41 @@ fn a_fault_stays_until_it_is_reset() {
     assert!(printed.contains("reset on request"), "{printed}");
 }
 
+/// By the command, by the signal, and by eight bytes in the file: the arm stands in a fault that only a reset ends.
+#[test]
+fn a_latched_stop_is_left_by_a_reset_alone() {
+    let daemon = Daemon::start("serve-latch", &["--clock", "lockstep"]);
+    let word = std::path::PathBuf::from(format!("/dev/shm/vservo-{}/stop", daemon.instance.name));
+    let by_command = || {
+        let output = vservo()
+            .args(["ctl", "stop", "--latched", "--instance", &daemon.instance.name])
+            .output()
+            .unwrap();
+        assert_eq!(output.status.code(), Some(0), "{output:?}");
+    };
+    let by_signal = || kill(daemon.process.id() as i32, "USR1");
+    let by_file = || {
+        let file = std::fs::OpenOptions::new().read(true).write(true).open(&word).unwrap();
+        let mut asked = [0; 8];
+        std::os::unix::fs::FileExt::read_exact_at(&file, &mut asked, 48).unwrap();
+        let next = (u64::from_le_bytes(asked) + 1).to_le_bytes();
+        std::os::unix::fs::FileExt::write_all_at(&file, &next, 48).unwrap();
+    };
+    for latch in [&by_command as &dyn Fn(), &by_signal, &by_file] {
+        daemon.accepts("start");
+        daemon.wait_for("servoing");
+        latch();
+        daemon.wait_for("fault");
+        let (_, answer, _) = daemon.ctl("status");
+        assert!(answer["fault"].as_str().unwrap().contains("latched"), "{answer}");
+        daemon.refuses("start", "reset");
+        wait_until("the arm to stand", || daemon.ctl("reset").0 == Some(0));
+        assert_eq!(daemon.state(), "idle");
+    }
+    daemon.accepts("shutdown");
+    assert_eq!(daemon.ended().0, Some(0));
+}
+
 #[test]
 fn several_clients_are_all_answered() {
     let daemon = Daemon::start("serve-many", &[]);

@@ -42,6 +42,12 @@ impl<const N: usize> Controller<N> {
         self.failure.get_or_insert(fault);
     }
 
+    /// The fault, where there is one.
+    #[must_use]
+    pub fn fault(&self) -> Option<Fault> {
+        self.fault
+    }
+
     /// Sets the goal. In the state `Teaching` this also ends teaching.
     pub fn set_goal(&mut self, goal: SetPoint) {
         self.servo.set_goal(goal);

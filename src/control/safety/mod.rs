@@ -15,6 +15,7 @@
 //! | any end of a run: goal, time, request, fault | the reference slows down within its limits, and the run ends when the measured arm is at rest (`run_end`) |
 //! | `max_missed_deadlines_in_a_row` ticks missed in a row | protective stop: reference slows down, arm holds, run ends as fault |
 //! | the measured arm still moves 3 s after its reference came to rest | the run ends as fault, with the last command |
+//! | a stop is latched (`ipc/stop_word.rs`) | likewise |
 //! | the companion takes no trace for 3 s | likewise: no measurement and no order arrives any more, and nothing else would end the run |
 //! | lockstep: a measurement does not come for 10 s | reference slows down, arm holds, run ends as fault |
 //! | external drive: states stop, drive leaves, hangs or answers out of step | as for NaN; in lockstep, where no state comes without a drive, the run is over |
@@ -61,6 +62,8 @@ pub enum Fault {
     Oscillates,
     /// Something acts on the arm from outside.
     Contact,
+    /// Somebody latched a stop.
+    StopLatched,
     /// Commands would have exceeded the limits, or were not finite.
     CommandsRefused,
     /// Real time: the thread beside the real-time thread takes no traces any more.
@@ -69,7 +72,7 @@ pub enum Fault {
 
 impl Fault {
     /// All faults, with their codes in the protocol of the messages; those of a drive count from 17. A code never changes its meaning.
-    const CODES: [(Self, u32); 17] = [
+    const CODES: [(Self, u32); 18] = [
         (Self::DriveStateNotFinite, 1),
         (Self::DriveStateImplausible, 2),
         (Self::TrackingError, 3),
@@ -83,6 +86,7 @@ impl Fault {
         (Self::CompanionSilent, 12),
         (Self::Oscillates, 13),
         (Self::Contact, 14),
+        (Self::StopLatched, 15),
         (Self::Drive(DriveFault::Stale), 17),
         (Self::Drive(DriveFault::Left), 18),
         (Self::Drive(DriveFault::Silent), 19),
@@ -145,6 +149,9 @@ impl Fault {
             Self::Contact => {
                 "something touches the arm: clear its way; where nothing does, tell what it carries ([tool]) and its friction, or set \
                  safety.contact = \"ignore\""
+            }
+            Self::StopLatched => {
+                "a stop was latched from outside: see to its reason, then `vservo ctl reset`"
             }
             Self::CommandsRefused => {
                 "commands to the drive would have passed the limits, or were no numbers, and were held back"

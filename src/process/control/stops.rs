@@ -2,6 +2,7 @@
 
 use crate::control::control_loop::ControlLoop;
 use crate::control::lifecycle::{Refusal, Request};
+use crate::control::safety::Fault;
 use crate::ipc::{Halt, StopWord};
 use crate::messages::ControlState;
 use crate::process::StopFlag;
@@ -19,8 +20,8 @@ pub(super) struct Stops {
 
 fn request(halt: Halt) -> Request {
     match halt {
-        Halt::Stop => Request::Stop,
         Halt::Shutdown => Request::Shutdown,
+        Halt::Stop | Halt::Latch => Request::Stop,
     }
 }
 
@@ -34,7 +35,8 @@ impl Stops {
         if self.flag.is_requested() {
             control.stop(STOP_REASON);
         }
-        for halt in Halt::ALL {
+        self.latch(control);
+        for halt in [Halt::Stop, Halt::Shutdown] {
             if let Some(number) = self.word.asked(halt) {
                 // Refused only where the run ends anyway.
                 let _ = control.halt(request(halt));
@@ -43,14 +45,33 @@ impl Stops {
         }
     }
 
+    /// A latched stop is a fault from when it is asked for until that is reset.
+    fn latch<const N: usize>(&self, control: &mut ControlLoop<N>) {
+        let Some(number) = self.word.asked(Halt::Latch) else { return };
+        let stands = control.controller().fault().is_some();
+        match self.word.begun(Halt::Latch) {
+            None => {
+                control.fail(Fault::StopLatched);
+                self.word.begin(Halt::Latch, ControlState::Fault);
+            }
+            // The next step takes the fault in, so that there is none here only after a reset.
+            // With the state of a page on which nothing has begun, for the next one.
+            Some(_) if !stands => self.word.take(Halt::Latch, number, ControlState::default()),
+            Some(_) => {}
+        }
+    }
+
     /// Whether a wait between two ticks is to end: the next tick obeys.
     pub(super) fn are_asked(&self) -> bool {
-        self.flag.is_requested() || self.word.is_asked()
+        let latches = self.word.asked(Halt::Latch).is_some() && self.word.begun(Halt::Latch).is_none();
+        let halts = [Halt::Stop, Halt::Shutdown].into_iter().any(|halt| self.word.asked(halt).is_some());
+        self.flag.is_requested() || halts || latches
     }
 
     /// Looks before the first tick; whether the run is to end.
     pub(super) fn end_the_start(&self) -> bool {
-        for halt in Halt::ALL {
+        // A stop that is latched before the first tick is met by the first one.
+        for halt in [Halt::Stop, Halt::Shutdown] {
             if let Some(number) = self.word.asked(halt) {
                 let _ = self.early(request(halt)); // neither is refused
                 self.word.take(halt, number, ControlState::Idle);
@@ -69,5 +90,60 @@ impl Stops {
             }
             _ => Err(Refusal::NotReady),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::{Config, assemble};
+    use crate::ipc::{Instance, Role};
+    use crate::time::{MonoNs, TICK};
+    use std::os::unix::fs::FileExt;
+
+    /// Any program latches a stop by the documented place in the documented file. The tick that looks at it brakes, no start gets past it, and a reset is its end.
+    #[test]
+    fn a_number_in_the_file_latches_a_stop_until_it_is_reset() {
+        let instance: Instance = format!("u-latch-{}", std::process::id()).parse().unwrap();
+        let lock = instance.lock(Role::Control).unwrap();
+        let stops = Stops::new(StopFlag::default(), instance.make_stop_word().unwrap(), true);
+        let config = Config::load(None, &["run.serve=true".into()]).unwrap();
+        let robot = config.robot.build::<4>().unwrap();
+        let drive = assemble::drive(&config, &robot).unwrap();
+        let mut control = assemble::control_loop_with::<4>(&config, robot, drive).unwrap().control;
+        let mut k = 0_i32;
+        let mut tick = |control: &mut ControlLoop<4>| {
+            let now = MonoNs(TICK.0 * i64::from(k));
+            control.sense(u64::from(k.unsigned_abs()), now);
+            stops.obey(control);
+            k += 1;
+            control.act(now, None).state
+        };
+        assert_eq!(tick(&mut control), ControlState::Idle);
+        control.request(Request::Start).unwrap();
+        assert_eq!(tick(&mut control), ControlState::Waiting);
+        let file = std::fs::OpenOptions::new().write(true).open(instance.directory().join("stop")).unwrap();
+        file.write_all_at(&1_u64.to_le_bytes(), 48).unwrap();
+        assert!(stops.are_asked());
+        let state = tick(&mut control);
+        assert_eq!(state, ControlState::Fault, "in the tick that looked");
+        for _ in 0..300 {
+            tick(&mut control);
+        }
+        assert_eq!(
+            (tick(&mut control), control.controller().fault()),
+            (ControlState::Fault, Some(Fault::StopLatched))
+        );
+        assert_eq!(control.request(Request::Start), Err(Refusal::InFault));
+        file.write_all_at(&2_u64.to_le_bytes(), 48).unwrap();
+        assert_eq!(tick(&mut control), ControlState::Fault, "asked for once more, it is the same");
+        control.request(Request::Reset).unwrap();
+        assert_eq!(tick(&mut control), ControlState::Idle);
+        assert_eq!(tick(&mut control), ControlState::Idle, "it is taken");
+        file.write_all_at(&3_u64.to_le_bytes(), 48).unwrap();
+        let state = tick(&mut control);
+        assert_eq!(state, ControlState::Fault, "and works again");
+        drop(lock);
+        instance.remove_leftovers(None);
     }
 }

@@ -10,6 +10,7 @@
 mod child;
 mod children;
 mod hang_watch;
+mod latch_signal;
 mod progress;
 mod reap;
 
@@ -25,6 +26,7 @@ use crate::time::SpanNs;
 use child::ProcessEnd;
 use children::Children;
 use hang_watch::HangWatch;
+use latch_signal::LatchSignal;
 use progress::Progress;
 use std::fs::File;
 use std::path::Path;
@@ -121,6 +123,7 @@ fn supervise(
     if stop.is_requested() {
         return Ok(stopped_before_the_start(config, now() - start));
     }
+    let latch = LatchSignal::handled(instance);
     let mut children = Children::start(config, instance, written, outputs)?;
     let (failure, end) = {
         // Attached after the children were started: a process must not fork once it has joined the transport.
@@ -132,6 +135,7 @@ fn supervise(
             progress: Progress::new(config.serve),
             hang_watch: HangWatch::new(instance, config.clock, seeing_roles(config), now()),
             is_ready: false,
+            latch,
         };
         let failure = watch.until_the_end(&mut children, stop);
         let end = children.shut_down(Some(&mut watch));
@@ -188,11 +192,13 @@ struct Watch {
     hang_watch: HangWatch,
     /// Whether control has had its first tick.
     is_ready: bool,
+    latch: LatchSignal,
 }
 
 impl Watch {
     /// Takes what control says and looks at everybody's signs of life; who has been silent for too long.
     fn look(&mut self) -> Option<(Role, SpanNs)> {
+        self.latch.look();
         if let Some(Ok(Some(status))) = self.status.as_ref().map(Receiver::receive_newest) {
             if !std::mem::replace(&mut self.is_ready, true) {
                 tell_service_manager("READY=1");
