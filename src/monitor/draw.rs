@@ -187,7 +187,7 @@ fn joint_rows(
     (columns, rows): (usize, usize),
 ) {
     let Some(trace) = &view.trace else { return };
-    let bar = columns.saturating_sub(34).clamp(8, 40);
+    let bar = columns.saturating_sub(36).clamp(8, 40);
     if rows > 0 {
         let title =
             format!("{:<9}{:<width$}  position   speed effort", "joint", "lower .. upper", width = bar);

@@ -89,9 +89,9 @@ impl VisibilityGuard {
         law_output: LawOutput<N>,
     ) -> LawOutput<N> {
         let held = match (law_output, task) {
-            (LawOutput::Velocity(qd), _) => {
-                self.held_back(set_point, view, arm, &qd, 0.0).map(LawOutput::Velocity)
-            }
+            (LawOutput::Velocity(qd), _) => self
+                .held_back(set_point, view, arm, &self.within_reach(&qd, arm), 0.0)
+                .map(LawOutput::Velocity),
             (LawOutput::Torque(tau), Task::Wrench(task)) => {
                 self.held_torque(set_point, view, task, joint_damping, arm, &tau).map(LawOutput::Torque)
             }
@@ -131,7 +131,6 @@ impl VisibilityGuard {
         qd: &SVector<f64, N>,
         braking: f64,
     ) -> Option<SVector<f64, N>> {
-        let qd = &self.within_reach(qd, arm);
         let wanted = arm.J.matrix() * qd;
         let now = arm.J.matrix() * arm.qd;
         let bounds = || self.bounds(set_point, view);

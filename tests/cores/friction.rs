@@ -95,7 +95,13 @@ fn joints_that_stick_and_slip_are_not_shaken() {
     let mut failures = Vec::new();
     for (scale, duration_s) in [(0.5, 30.0), (1.0, 30.0), (1.5, 10.0), (2.0, 10.0)] {
         let duration = format!("run.duration_s={duration_s}");
-        let (hardest, outcome) = ran("xarm7", scale, 0, &["drive.simulated.hard_friction=true", &duration]);
+        let (hardest, outcome) = ran(
+            "xarm7",
+            scale,
+            0,
+            // How it hunts is chaotic: on other ways it leaps by up to 800 rad/s^2 (README, limits).
+            &["servo.interaction=current", "drive.simulated.hard_friction=true", &duration],
+        );
         if outcome == Outcome::Fault || (scale <= 1.0 && outcome != Outcome::Converged) || hardest > 250.0 {
             failures.push(format!("x {scale}: {hardest} {}", outcome.as_str()));
         }

@@ -56,11 +56,11 @@ fn named(wanted: &str, cells: &[(&str, &[&str])]) {
 
 #[test]
 fn a_gain_that_is_too_high_is_named() {
-    let held = "servo.update=frame";
+    let (held, way) = ("servo.update=frame", "servo.interaction=current");
     named(
         "gain_too_high",
         &[
-            ("default", &[held, "servo.gain_1_s=40", "run.seed=5"]),
+            ("default", &[held, way, "servo.gain_1_s=40", "run.seed=5"]),
             ("scara-b", &[held, "servo.gain_1_s=35"]),
             ("ur5", &[held, "servo.gain_1_s=60"]),
         ],
@@ -146,7 +146,10 @@ fn what_stops_a_joint_is_named() {
         "friction",
         &[
             ("default", &["drive.simulated.untold_coulomb_share=0.4", "drive.simulated.hard_friction=true"]),
-            ("default", &["drive.simulated.untold_coulomb_share=0.45", "run.seed=3"]),
+            (
+                "default",
+                &["servo.interaction=current", "drive.simulated.untold_coulomb_share=0.45", "run.seed=3"],
+            ),
         ],
     );
     named(
@@ -194,7 +197,10 @@ fn rotors_that_nobody_told_and_a_base_that_shakes_are_named() {
         &[
             ("ur5", &["drive.simulated.base_acceleration_m_s2=[0.4,0.7,0.2]", shakes, "run.seed=17"]),
             ("panda", &["drive.simulated.base_acceleration_m_s2=[0.5,0.0,0.7]", "run.seed=8"]),
-            ("scara-b", &["drive.simulated.base_acceleration_m_s2=[0.0,1.8,0.0]", shakes]),
+            (
+                "scara-b",
+                &["servo.gain_1_s=1", "drive.simulated.base_acceleration_m_s2=[0.0,1.8,0.0]", shakes],
+            ),
         ],
     );
 }

@@ -9,7 +9,8 @@ fn settling_time_s(update: &str, gain_1_s: f64) -> Option<f64> {
     let update = format!("servo.update={update}");
     let gain = format!("servo.gain_1_s={gain_1_s}");
     // What the prediction does, and not what keeps the target in the image.
-    let set = ["camera.latency_ms=80", "servo.visibility.guard=false", &update, &gain];
+    let set =
+        ["camera.latency_ms=80", "servo.interaction=current", "servo.visibility.guard=false", &update, &gain];
     let mut args = vec!["--clock", "lockstep", "--duration-s", "8"];
     for value in set {
         args.extend(["--set", value]);

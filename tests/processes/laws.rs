@@ -210,7 +210,12 @@ fn laws_that_cannot_work_are_refused_at_the_start() {
 #[test]
 fn a_local_minimum_is_told() {
     let position = "servo.desired.position_m=[0.0,0.0,0.45]";
-    let far_side = ["run.duration_s=8", position, "servo.desired.rotation_rpy_rad=[0.35,0.0,0.0]"];
+    let far_side = [
+        "run.duration_s=8",
+        "servo.interaction=current",
+        position,
+        "servo.desired.rotation_rpy_rad=[0.35,0.0,0.0]",
+    ];
     let r = lockstep("ur5.toml", &far_side);
     let reason = r.summary["reason"].as_str().unwrap();
     assert!(reason.contains("local minimum") && !reason.contains("cannot be reached"), "{reason}");

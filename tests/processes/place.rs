@@ -172,10 +172,8 @@ fn a_target_that_is_cut_is_told() {
     let nearer = "servo.desired.position_m=[-0.05, -0.05, 0.1]";
     let (code, out, error) = asked(&["check", cell, "--set", nearer]);
     assert_eq!(code, Some(3), "{error}");
-    assert!(
-        error.contains("outside the image in the desired view (") && error.contains("hidden too: 2, 3, 4"),
-        "{error}"
-    );
+    let large = "outside the image in the desired view (the target is 750 x 750 px here, the image 640 x 480";
+    assert!(error.contains(large), "{error}");
     assert!(out.contains("goal:"), "the rest is told all the same: {out}");
 }
 

@@ -76,7 +76,8 @@ fn the_depth_of_the_law_is_told() {
 #[test]
 fn margins_tell_what_the_law_believes_wrong() {
     let margins = |set: &[&str]| {
-        let found = preflight("ur5.toml", set).stability.unwrap();
+        let set: Vec<_> = ["servo.interaction=current"].iter().chain(set).copied().collect();
+        let found = preflight("ur5.toml", &set).stability.unwrap();
         let goal = found.goal.unwrap();
         [found.start.camera, found.start.joints, goal.camera, goal.joints].map(|m| [m.definite, m.slowest])
     };
@@ -89,6 +90,12 @@ fn margins_tell_what_the_law_believes_wrong() {
         let wrong = margins(&["servo.depth=constant", &depth]);
         assert!(wrong.iter().all(|m| m[0] < 0.99 && m[1] > 0.1), "{wrong:?}");
     }
+    // The mean of two matrices is that of the features at the goal alone.
+    let mean = preflight("ur5.toml", &[]).stability.unwrap();
+    assert!(
+        (mean.goal.unwrap().joints.slowest - 1.0).abs() < 1e-5
+            && (0.3..0.9).contains(&mean.start.joints.slowest)
+    );
     assert_eq!(preflight("scara-b.toml", &[]).stability, None);
     let told = preflight("ur5.toml", &[]).lines();
     assert!(
