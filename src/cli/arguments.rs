@@ -10,7 +10,7 @@ use super::explain::{ExplainArguments, ReportArguments};
 use super::export::ExportArguments;
 use super::monitor::MonitorArguments;
 use super::place_arguments::{PlaceArguments, ViewArguments};
-use super::target::PaperArgument;
+use super::target::TargetArguments;
 use super::tool_arguments::{PoseArguments, ProcessArguments, StereoCommand};
 use super::tune::TuneArguments;
 use super::{completion, record::RecordArguments, replay::ReplayArguments};
@@ -396,20 +396,6 @@ pub struct DetectArguments {
     /// Write the image with what was found drawn over it
     #[arg(long, value_name = "OUT.png")]
     pub overlay: Option<PathBuf>,
-}
-
-/// Arguments of `vservo target`.
-#[derive(Debug, Args)]
-pub struct TargetArguments {
-    /// Which: four_dots[:SIDE_M[:chiral]], dots:COLSxROWS:PITCH_M, chessboard:COLSxROWS:SQUARE_M (inner corners), tag:FAMILY:SIZE_M[:ID],
-    /// polygon:X_M,Y_M;X_M,Y_M;... (corners), ellipse:AxB (half its axes, m)
-    pub kind: String,
-    /// File to write: .svg, .pdf or .png
-    #[arg(long, value_name = "FILE")]
-    pub out: PathBuf,
-    /// In the middle of this paper, refused where it does not fit; a sheet as large as the target where it is left out
-    #[arg(long)]
-    pub paper: Option<PaperArgument>,
 }
 
 /// Arguments of `vservo teach`.

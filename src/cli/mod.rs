@@ -36,7 +36,7 @@ mod view;
 pub use arguments::{
     Calibration, CameraArgument, CameraArguments, CellArguments, Cli, Command, DetectArguments, DoArguments,
     ExperimentArguments, HandEyeArguments, LatencyArguments, LogArguments, RoleArguments, RoleCli,
-    RunArguments, ServeArguments, TargetArguments, TeachArguments, TeachViewArguments,
+    RunArguments, ServeArguments, TeachArguments, TeachViewArguments,
 };
 pub use calibrate_arguments::{
     BoardArguments, CalibrateCameraArguments, CalibrateStereoArguments, LensModelArgument, OddCoefficients,
@@ -51,7 +51,7 @@ pub use monitor::MonitorArguments;
 pub use place_arguments::{LookArgument, PlaceArguments, ViewArguments};
 pub use record::RecordArguments;
 pub use replay::ReplayArguments;
-pub use target::PaperArgument;
+pub use target::{PaperArgument, TargetArguments};
 pub use tool_arguments::{
     MotionMethod, PoseArguments, PoseMethod, ProcessArguments, StereoCommand, StereoMatchArguments,
     StereoMotionArguments, StereoRectifyArguments, StereoTriangulateArguments, TriangulationMethod,
@@ -130,7 +130,7 @@ pub fn main() -> ExitCode {
         Some(Command::Place(arguments)) => place::place(&arguments),
         Some(Command::Tune(arguments)) => tune::tune(&arguments),
         Some(Command::View(arguments)) => view::view(&arguments),
-        Some(Command::Doctor { json, jitter_s }) => Ok(doctor(json, jitter_s)),
+        Some(Command::Doctor { json, jitter_s }) => Ok(doctor::doctor(json, jitter_s)),
         Some(Command::DriveGuard { instance, supervised_by, command }) => {
             guard_drive(&command, &instance, supervised_by)
         }
@@ -413,17 +413,6 @@ fn config_on_stdin(name: &Path, set: &[String]) -> Result<Config, ProcessError> 
     };
     let text = read().map_err(|cause| ProcessError::Start { what: "with the run file on stdin", cause })?;
     Ok(Config::parse(&name.display().to_string(), &text, Path::new("."), set)?)
-}
-
-fn doctor(json: bool, jitter_s: f64) -> u8 {
-    let checks = doctor::examine();
-    let request = crate::config::RealtimeRequest { priority: 80, cpu: None, lock_memory: false };
-    // chosen by hand: an hour tells all that such a measurement tells
-    let measured = (jitter_s > 0.0).then(|| doctor::measure(jitter_s.min(3600.0), request)).flatten();
-    let (jitter, jitter_with_spin) = measured.map(|m| (m.sleeping, m.spinning)).unzip();
-    let report = doctor::Examination { checks, jitter, jitter_with_spin };
-    let text = if json { self::json(&report) } else { report.to_text() };
-    shown(&text, 0)
 }
 
 fn run_experiment(arguments: &ExperimentArguments) -> Result<u8, ProcessError> {

@@ -1,12 +1,27 @@
 //! `vservo target`: a target to print, in true size.
 
-use super::{TargetArguments, check_writable, shown, write_result};
+use super::{check_writable, shown, write_result};
 use crate::input::printable;
 use crate::print::{Format, Paper, describe, paper_in_words, print};
 use crate::process::ProcessError;
 use crate::rt::tell;
 use crate::target::Kind;
-use clap::ValueEnum;
+use clap::{Args, ValueEnum};
+use std::path::PathBuf;
+
+/// Arguments of `vservo target`.
+#[derive(Debug, Args)]
+pub struct TargetArguments {
+    /// Which: four_dots[:SIDE_M[:chiral]], dots:COLSxROWS:PITCH_M, chessboard:COLSxROWS:SQUARE_M (inner corners), tag:FAMILY:SIZE_M[:ID],
+    /// polygon:X_M,Y_M;X_M,Y_M;... (corners), ellipse:AxB (half its axes, m)
+    pub kind: String,
+    /// File to write: .svg, .pdf or .png
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// In the middle of this paper, refused where it does not fit; a sheet as large as the target where it is left out
+    #[arg(long)]
+    pub paper: Option<PaperArgument>,
+}
 
 /// Papers of printers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]

@@ -134,7 +134,7 @@ fn an_arm_that_releases_goes_back_from_the_wall() {
 }
 
 #[test]
-fn a_joint_that_jams_is_told_within_140_ms() {
+fn a_joint_that_jams_is_told_within_a_quarter_of_a_second() {
     for (file, joint) in [("ur5", 1), ("panda", 1)] {
         for mode in ["torque", "velocity", "position"] {
             let jam = format!("drive.simulated.jam={{joint={joint},from_s=0.3}}");
@@ -142,7 +142,7 @@ fn a_joint_that_jams_is_told_within_140_ms() {
             let (noticed, fault) = met.fault.unwrap();
             let told = matches!(fault, Fault::Contact | Fault::TrackingError);
             assert!(told, "{file} {joint} {mode}: {fault:?}");
-            assert!((300..440).contains(&noticed), "{file} {joint} {mode}: {noticed}");
+            assert!((300..550).contains(&noticed), "{file} {joint} {mode}: {noticed}");
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Starts all about the goal, with the target in view: velocity laws bring each home, and hardly lose the target on the way.
 
-#![allow(non_snake_case, clippy::unwrap_used)] // helpers of tests
+#![allow(non_snake_case, clippy::unwrap_used, clippy::panic)] // helpers of tests
 
 use std::ops::ControlFlow::Continue;
 use std::path::Path;

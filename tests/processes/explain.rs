@@ -155,7 +155,13 @@ fn what_stops_a_joint_is_named() {
     named(
         "contact",
         &[
-            ("default", &["drive.simulated.push={force_n=[0.0,90.0,0.0],from_s=0.6,until_s=1.4}"]),
+            (
+                "default",
+                &[
+                    "servo.interaction=current",
+                    "drive.simulated.push={force_n=[0.0,90.0,0.0],from_s=0.6,until_s=1.4}",
+                ],
+            ),
             ("ur5", &["drive.simulated.push={force_n=[0.0,0.0,-70.0],from_s=0.7,until_s=1.5}"]),
         ],
     );

@@ -100,6 +100,18 @@ const FIT_US: f64 = 200.0;
 /// Share of missed ticks that is tolerable for a trial. Chosen by hand: one a second, which the supervision of the arm tolerates.
 const BEARABLE: f64 = 1e-3;
 
+/// Examines this machine and tells it.
+pub(super) fn doctor(json: bool, jitter_s: f64) -> u8 {
+    let checks = examine();
+    let request = crate::config::RealtimeRequest { priority: 80, cpu: None, lock_memory: false };
+    // chosen by hand: an hour tells all that such a measurement tells
+    let measured = (jitter_s > 0.0).then(|| measure(jitter_s.min(3600.0), request)).flatten();
+    let (jitter, jitter_with_spin) = measured.map(|m| (m.sleeping, m.spinning)).unzip();
+    let report = Examination { checks, jitter, jitter_with_spin };
+    let text = if json { super::json(&report) } else { report.to_text() };
+    super::shown(&text, 0)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

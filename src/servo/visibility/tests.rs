@@ -5,9 +5,6 @@ use crate::servo::{Gain, Interaction, Law, PoseGains};
 use nalgebra::{Point3, Vector4};
 use proptest::prelude::*;
 
-/// Of the joints of the shipped arms, rad/s^2 and m/s^2.
-const ACCELERATION: f64 = 10.0;
-
 fn square() -> [Point3<f64>; 4] {
     [(0.0, 0.0), (0.1, 0.0), (0.1, 0.1), (0.0, 0.1)].map(|(x, y)| Point3::new(x, y, 0.0))
 }
@@ -99,24 +96,6 @@ proptest! {
             if !(least > 0.02 && least < 50.0) { break; }
             // What a step of 1 ms bends is not in the bound.
             prop_assert!(nearest_px(&X_CO) > kept - 3.0, "{} of {kept} px: {held}", nearest_px(&X_CO));
-        }
-    }
-
-    /// The same for a camera that accelerates as the joints of an arm do, whose law asks for many times what it can do.
-    #[test]
-    fn nothing_is_carried_out_by_limited_arms(start in anywhere(), V in prop::array::uniform6(-5.0..5.0f64)) {
-        let V = Vector6::from(V);
-        let limited = VisibilityGuard { acceleration: [ACCELERATION; MAX_JOINTS], ..guard() };
-        let kept = nearest_px(&start).min(10.0);
-        let (mut X_CO, mut qd) = (start, Vector6::zeros());
-        for _ in 0..800 {
-            let held = hold_with(&limited, &X_CO, &flier(qd), &V);
-            let change = held - qd;
-            qd += change * (ACCELERATION * 1e-3 / change.amax()).min(1.0);
-            X_CO = crate::geometry::integrate_body_twist(&Pose::identity(), &qd, 1e-3).inverse() * X_CO;
-            let least = square().iter().map(|p| (X_CO * p).z).fold(f64::INFINITY, f64::min);
-            if !(least > 0.25 && least < 50.0) { break; }
-            prop_assert!(nearest_px(&X_CO) > kept - 40.0, "{} of {kept} px: {held}", nearest_px(&X_CO));
         }
     }
 
