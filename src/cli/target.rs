@@ -1,4 +1,5 @@
 //! `vservo target`: a target to print, in true size.
+#![allow(rustdoc::broken_intra_doc_links)] // the words of commands have brackets
 
 use super::{check_writable, shown, write_result};
 use crate::input::printable;
