@@ -14,6 +14,9 @@ use std::time::Duration;
 use vservo_ur::emulator::{Emulator, EmulatorSettings, Fault, JointModel};
 use vservo_ur::{JOINTS, Joints, Series};
 
+/// Farthest that a joint of these arms turns, rad: two turns, by the maker's data sheets.
+const MOST_RAD: f64 = 4.0 * std::f64::consts::PI;
+
 /// Robots that can be emulated.
 #[derive(Debug, Subcommand)]
 pub enum EmulateCommand {
@@ -70,10 +73,14 @@ pub(super) fn emulate(what: &EmulateCommand) -> Result<u8, ProcessError> {
     let mut settings = simulated_settings::<JOINTS>(&config)?;
     settings.mode = CommandMode::Position;
     let robot = config.robot.build::<JOINTS>()?;
-    let mut q: SVector<f64, JOINTS> = q_start(&config)?;
-    for (to, from) in q.iter_mut().zip(&arguments.start) {
-        *to = *from;
-    }
+    let q: SVector<f64, JOINTS> = match arguments.start.as_slice() {
+        [] => q_start(&config)?,
+        q if q.len() == JOINTS && q.iter().all(|q| q.abs() <= MOST_RAD) => SVector::from_column_slice(q),
+        _ => {
+            tell(format_args!("vservo: --start takes {JOINTS} numbers, rad, within two turns"));
+            return Ok(2);
+        }
+    };
     let drive = SimulatedDrive::new(robot, q, settings).map_err(AssembleError::from)?;
     let joints = SimulatedJoints { drive, time: MonoNs::ZERO, q };
     let series = match arguments.series {

@@ -15,20 +15,20 @@
 mod answer;
 mod program;
 mod reach;
+mod record_stream;
 mod requests;
 #[cfg(feature = "cli")]
 mod run_watch;
 mod wait;
-mod watch;
 
 pub use crate::config::WaitFor;
 pub use answer::RunAnswer;
 pub use program::{ProgramEnd, ProgramOutcome};
+pub use record_stream::{RecordStream, Watched};
 pub use requests::Setting;
 #[cfg(feature = "cli")]
 pub use run_watch::RunWatch;
 pub use wait::WaitEnd;
-pub use watch::{RecordStream, Watched};
 
 use crate::control::lifecycle::Request;
 use crate::ipc::{Halt, Instance};

@@ -103,6 +103,15 @@ pub(super) fn latch(instance: &Instance, patience: &AnswerTimeout) -> Result<Con
     }
 }
 
+/// What is wrong where a place was asked for, which may have been the last.
+pub(super) fn crowded(instance: &Instance, error: IpcError) -> ProcessError {
+    if error.is_crowded() {
+        ProcessError::Crowded { instance: instance.to_string(), cause: error.to_string() }
+    } else {
+        error.into()
+    }
+}
+
 /// Asks control of `instance`. What the transport does cannot be told to hurry, so that it is done beside.
 pub(super) fn ask(
     instance: &Instance,
@@ -137,12 +146,7 @@ fn ask_here(
         match join() {
             Ok(joined) => break joined,
             Err(error) if error.is_crowded() => match patience.check(instance) {
-                Err(ProcessError::NoAnswer { .. }) => {
-                    return Err(ProcessError::Crowded {
-                        instance: instance.to_string(),
-                        cause: error.to_string(),
-                    });
-                }
+                Err(ProcessError::NoAnswer { .. }) => return Err(crowded(instance, error)),
                 over => over?,
             },
             // control makes the service soon after it has begun

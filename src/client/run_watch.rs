@@ -1,6 +1,7 @@
 //! Watching a running instance: what its processes send, into a [`RunView`]. Whoever watches waits for nothing and is waited for by nobody: what is not
 //! taken in time is overwritten.
 
+use super::reach;
 use crate::config::{Clock, Config};
 use crate::ipc::{Instance, IpcError, Receiver, Role, Services};
 use crate::messages::{CameraHealth, CameraId, Measurement, Status, TraceMsg};
@@ -32,14 +33,7 @@ impl RunWatch {
         let services = Services::join(instance)?;
         // A watcher that was killed holds its places no longer.
         services.remove_dead_peers();
-        let crowded = |error: IpcError| {
-            let cause = error.to_string();
-            if error.is_crowded() {
-                ProcessError::Crowded { instance: instance.to_string(), cause }
-            } else {
-                error.into()
-            }
-        };
+        let crowded = |error| reach::crowded(instance, error);
         let cameras = config.cameras().map(|camera| Ok((camera.id, services.health_view(camera.id)?)));
         Ok(Self {
             status: services.status_view().map_err(crowded)?,

@@ -30,9 +30,9 @@ const MATTERS: f64 = 0.2;
 const LIKE_ROTOR: f64 = 0.99;
 /// Correlation up to which it is none. Measured, see above.
 const UNLIKE_ROTOR: f64 = 0.9;
-/// A motor that needs so many times what the model tells turns little more than itself, and follows its torque though its joint yields. Measured: last joints of such arms have 2.3 to 14, and
-/// the correlation below.
+/// A motor that needs so many times what the model tells turns little more than itself, and follows its torque though its joint yields. Measured: last joints of such arms have 2.3 to 14.
 const TURNS_ITSELF: f64 = 2.0;
+/// Correlation with the acceleration of a motor that follows its torque so. Measured: those joints have more, the others of such arms less.
 const FOLLOWS: f64 = 0.8;
 /// Share of what is left that one frequency takes where the base shakes. Measured: 0.9 and more there; a joint's swing has 0.5 of a whole run at most.
 const ONE_FREQUENCY: f64 = 0.7;

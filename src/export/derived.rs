@@ -26,8 +26,9 @@ const FLANGE: &str = "flange";
 const TARGET: &str = "target";
 /// Period of joint states and transforms. Chosen by hand: viewers draw a hundred a second at most, and all 1000 stand on `/control/joint_state`.
 const PERIOD: SpanNs = SpanNs(10_000_000);
-/// Diameter of the signs in an image, px, and their line width. Chosen by hand, to be seen and to hide little.
+/// Diameter of the signs in an image, px. Chosen by hand, to be seen and to hide little.
 const SIGN_PX: f64 = 12.0;
+/// Width of their lines, px. Chosen by hand, for the same.
 const LINE_PX: f64 = 2.0;
 /// Levels of `rcl_interfaces/Log`, as its definition has them.
 const INFO: u8 = 20;

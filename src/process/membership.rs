@@ -1,7 +1,7 @@
 //! A process's place in an instance, from the lock of its role to the removal of what the last one leaves.
 
-use super::ProcessError;
 use super::error::Disagreements;
+use super::{LeftoversGuard, ProcessError};
 use crate::config::Config;
 use crate::ipc::{Heartbeat, Instance, Role, RoleLock, Services};
 
@@ -13,22 +13,6 @@ pub struct Membership {
     heartbeat: Option<Heartbeat>,
     _lock: RoleLock,
     _place: LeftoversGuard,
-}
-
-/// Removes the instance's leftovers when dropped.
-#[derive(Debug)]
-pub(crate) struct LeftoversGuard(Instance);
-
-impl LeftoversGuard {
-    pub(crate) fn of(instance: &Instance) -> Self {
-        Self(instance.clone())
-    }
-}
-
-impl Drop for LeftoversGuard {
-    fn drop(&mut self) {
-        self.0.remove_leftovers(None);
-    }
 }
 
 impl Membership {

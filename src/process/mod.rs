@@ -10,6 +10,7 @@ pub mod drive_guard;
 #[cfg(feature = "cli")]
 pub mod drive_ur;
 mod error;
+mod leftovers;
 #[cfg(feature = "cli")]
 mod membership;
 #[cfg(feature = "cli")]
@@ -41,8 +42,7 @@ pub mod supervisor;
 pub mod vision;
 
 pub use error::ProcessError;
-#[cfg(feature = "cli")]
-pub(crate) use membership::LeftoversGuard;
+pub(crate) use leftovers::LeftoversGuard;
 #[cfg(feature = "cli")]
 pub use membership::Membership;
 #[cfg(feature = "cli")]

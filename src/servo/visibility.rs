@@ -9,7 +9,7 @@
 //! V' = argmin |V' - V|^2_W   subject to   a_j V' <= b_j,        b_j >= 0
 //! ```
 //!
-//! among the twists of which the arm is capable. V is not the law output itself, which may be many times faster than the arm: it is what the
+//! among the twists of which the arm is capable. V is not the output of a velocity law itself, which may be many times faster than the arm: it is what the
 //! acceleration limits leave of it in the next HORIZON_S. Zero fulfils all constraints, so a solution always exists; it is computed
 //! by Gauss-Seidel on the multipliers (Hildreth), with a bounded number of sweeps from zero. Law outputs that fulfil
 //! all constraints are returned unchanged, to the last bit.

@@ -2,12 +2,12 @@
 //! watch, a recorder still finds one.
 
 use super::{
-    Channel, HEALTH_BUFFER, IpcError, MEASUREMENT_BUFFER, STATUS_RECORDER_BUFFER, Services, TRACE_BUFFER,
-    port_error,
+    Channel, HEALTH_BUFFER, IpcError, JOINT_STATE_BUFFER, MEASUREMENT_BUFFER, STATUS_RECORDER_BUFFER,
+    Services, TRACE_BUFFER, port_error,
 };
 use crate::ipc::Receiver;
 use crate::ipc::frame_shape::MAX_READERS;
-use crate::messages::{CameraHealth, CameraId, Measurement, Status, TraceMsg};
+use crate::messages::{CameraHealth, CameraId, JointState, Measurement, Status, TraceMsg};
 use iceoryx2::prelude::{PortFactory, ZeroCopySend};
 use std::fmt::Debug;
 
@@ -21,6 +21,22 @@ impl Services {
     /// When the service or the port cannot be made, or as many read it as may; so for all that follow.
     pub fn status_view(&self) -> Result<Receiver<Status>, IpcError> {
         self.view(Channel::Status, STATUS_RECORDER_BUFFER, 1)
+    }
+
+    /// The same with those before it, for half a second.
+    ///
+    /// # Errors
+    /// As for [`Self::status_view`].
+    pub fn statuses_view(&self) -> Result<Receiver<Status>, IpcError> {
+        self.view(Channel::Status, STATUS_RECORDER_BUFFER, STATUS_RECORDER_BUFFER)
+    }
+
+    /// A view's end of `control/joint_state`, of which it may lag behind by 1024 ticks.
+    ///
+    /// # Errors
+    /// As for [`Self::status_view`].
+    pub fn joint_state_view(&self) -> Result<Receiver<JointState>, IpcError> {
+        self.view(Channel::JointState, JOINT_STATE_BUFFER, JOINT_STATE_BUFFER)
     }
 
     /// A view's end of `control/trace`, of which it may lag behind by 1024 ticks.

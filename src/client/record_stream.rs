@@ -2,14 +2,14 @@
 //! oldest records, which are counted.
 //!
 //! ```text
-//! service ─► thread `watch`, which owns the port ─► 64 records ahead ─► next
+//! service ─► thread `stream`, which owns the port ─► 64 records ahead ─► next
 //!            ends when the run has ended, or the stream was dropped
 //! ```
 
 use super::{Client, reach};
 use crate::ipc::{Instance, IpcError, Receiver, Services};
 use crate::messages::{CameraId, JointState, Measurement, Status};
-use crate::process::{ProcessError, StopFlag};
+use crate::process::{LeftoversGuard, ProcessError, StopFlag};
 use crate::rt::now;
 use crate::time::SpanNs;
 use iceoryx2::prelude::ZeroCopySend;
@@ -40,7 +40,7 @@ impl Watched for Status {
     }
 
     fn open(services: &Services, _: CameraId) -> Result<Receiver<Self>, IpcError> {
-        services.status_recorder()
+        services.statuses_view()
     }
 }
 
@@ -50,7 +50,7 @@ impl Watched for Measurement {
     }
 
     fn open(services: &Services, camera: CameraId) -> Result<Receiver<Self>, IpcError> {
-        services.measurement_recorder(camera)
+        services.measurement_view(camera)
     }
 }
 
@@ -60,7 +60,7 @@ impl Watched for JointState {
     }
 
     fn open(services: &Services, _: CameraId) -> Result<Receiver<Self>, IpcError> {
-        services.joint_state_recorder()
+        services.joint_state_view()
     }
 }
 
@@ -116,7 +116,7 @@ impl Client {
     /// # Errors
     /// When no run is there, or it has as many readers as can be; so for the others.
     pub fn statuses(&self) -> Result<RecordStream<Status>, ProcessError> {
-        self.watch(CameraId::FIRST)
+        self.stream(CameraId::FIRST)
     }
 
     /// What vision measured in each frame of a camera.
@@ -124,7 +124,7 @@ impl Client {
     /// # Errors
     /// As for [`Self::statuses`].
     pub fn measurements(&self, camera: CameraId) -> Result<RecordStream<Measurement>, ProcessError> {
-        self.watch(camera)
+        self.stream(camera)
     }
 
     /// The state of the joints in each tick.
@@ -132,37 +132,56 @@ impl Client {
     /// # Errors
     /// As for [`Self::statuses`].
     pub fn joint_states(&self) -> Result<RecordStream<JointState>, ProcessError> {
-        self.watch(CameraId::FIRST)
+        self.stream(CameraId::FIRST)
     }
 
-    fn watch<T: Watched>(&self, camera: CameraId) -> Result<RecordStream<T>, ProcessError> {
+    fn stream<T: Watched>(&self, camera: CameraId) -> Result<RecordStream<T>, ProcessError> {
         reach::find(&self.instance)?;
         let (send, records) = sync_channel(AHEAD);
         let (tell, opened) = sync_channel(1);
         let (lost, closed) = (Arc::new(AtomicU64::new(0)), StopFlag::default());
         let (instance, counter, end) = (self.instance.clone(), Arc::clone(&lost), closed.clone());
         std::thread::Builder::new()
-            .name("watch".into())
+            .name("stream".into())
             .spawn(move || {
-                let services = Services::join(&instance);
-                match services.and_then(|services| Ok((T::open(&services, camera)?, services))) {
+                // A run that ends before this cannot remove what this has open. Given back after the port and the services.
+                let _place = LeftoversGuard::of(&instance);
+                match open(&instance, camera) {
                     Ok((port, _services)) => {
                         let _ = tell.send(Ok(()));
-                        watch(&instance, &port, &send, &counter, &end);
+                        pass_on(&instance, &port, &send, &counter, &end);
                     }
                     Err(error) => {
-                        let _ = tell.send(Err(error));
+                        let _ = tell.send(Err(reach::crowded(&instance, error)));
                     }
                 }
             })
-            .map_err(|cause| ProcessError::Start { what: "the thread that watches", cause })?;
-        opened.recv().map_err(|_| ProcessError::Panicked("watching"))??;
+            .map_err(|cause| ProcessError::Start { what: "the thread of a stream", cause })?;
+        // What the transport does cannot be told to hurry.
+        match opened.recv_timeout(Duration::from_secs_f64(self.timeout_s)) {
+            Ok(opened) => opened?,
+            Err(RecvTimeoutError::Timeout) => {
+                closed.request();
+                return Err(ProcessError::NoAnswer {
+                    instance: self.instance.to_string(),
+                    waited_s: self.timeout_s,
+                });
+            }
+            Err(RecvTimeoutError::Disconnected) => return Err(ProcessError::Panicked("opening a stream")),
+        }
         let (interrupted, instance) = (self.interrupted.clone(), self.instance.clone());
         Ok(RecordStream { records, lost, closed, interrupted, instance })
     }
 }
 
-fn watch<T: Watched>(
+fn open<T: Watched>(instance: &Instance, camera: CameraId) -> Result<(Receiver<T>, Services), IpcError> {
+    let services = Services::join(instance)?;
+    // A reader that was killed holds its place no longer.
+    services.remove_dead_peers();
+    Ok((T::open(&services, camera)?, services))
+}
+
+fn pass_on<T: Watched>(
     instance: &Instance,
     port: &Receiver<T>,
     send: &SyncSender<Result<T, ProcessError>>,
