@@ -14,7 +14,7 @@ use std::time::Duration;
 use vservo_ur::emulator::{Emulator, EmulatorSettings, Fault, JointModel};
 use vservo_ur::{JOINTS, Joints, Series};
 
-/// Farthest that a joint of these arms turns, rad: two turns, by the maker's data sheets.
+/// Farthest from its zero that a joint may start, rad. Chosen by hand: twice the 360 degrees that these arms turn either way by the maker's data sheets.
 const MOST_RAD: f64 = 4.0 * std::f64::consts::PI;
 
 /// Robots that can be emulated.

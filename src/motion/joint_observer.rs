@@ -300,6 +300,13 @@ impl<const N: usize> JointObserver<N> {
         self.commanded = Some(commanded);
     }
 
+    /// The command that acts accelerates the joints by so much more than was noted, rad/s^2 or m/s^2.
+    pub(super) fn add_to_command(&mut self, acceleration: &SVector<f64, N>) {
+        if let Some(commanded) = &mut self.commanded {
+            commanded.u += acceleration;
+        }
+    }
+
     /// Takes in the measured state of a tick; returns the estimated position and velocity.
     pub(super) fn observe(
         &mut self,

@@ -12,7 +12,7 @@ use crate::control::outcome::{Finish, Outcome};
 use crate::control::trace::Trace;
 use crate::imaging::{ImageSizeError, ImageView};
 use crate::messages::{FrameHeader, Measurement};
-use crate::mission::{FinalErrors, LockstepRun};
+use crate::mission::{FinalErrors, LockstepRun, ModelError};
 use crate::report::statistics::RunStatistics;
 use crate::robot::{Robot, RobotError};
 use crate::scene::{Exposure, SyntheticCamera};
@@ -47,6 +47,8 @@ pub struct SystemRun {
     pub settling_time_s: Option<f64>,
     /// How often the target was lost.
     pub target_lost: u64,
+    /// Measurements that fit the description of lens and target only with a model error; `None` where all fit.
+    pub model_error: Option<ModelError>,
     /// Over every joint state, hexadecimal; that of the three processes.
     pub state_hash: String,
 }
@@ -123,11 +125,13 @@ pub fn simulate_system_with(
             watch,
         };
         let finish = closed_loop::run(&config.camera.schedule, &mut system)?;
+        let measurements = system.control.mission.measurements();
         Ok(SystemRun {
             finish,
             errors: system.control.final_errors(),
             settling_time_s: system.statistics.settling_time_s(),
-            target_lost: system.control.mission.measurements().last().map_or(0, |m| m.target_lost),
+            target_lost: measurements.last().map_or(0, |m| m.target_lost),
+            model_error: measurements.model_error().report(&config.camera.model, &config.target),
             state_hash: system.statistics.state_hash(),
         })
     })?

@@ -244,3 +244,23 @@ fn an_arm_that_cannot_be_seen_any_more_is_brought_to_rest() {
         }
     }
 }
+
+/// What bounds the torque on joints that do not move once took the damping from joints that swing within a few milliradians.
+#[test]
+fn an_arm_that_a_high_gain_made_swing_comes_to_rest() {
+    for file in ["default.toml", "ur5.toml", "panda.toml"] {
+        for gain in [25.0, 40.0] {
+            let gain = format!("servo.gain_1_s={gain}");
+            let set = [
+                "servo.update='frame'",
+                &gain,
+                "camera.latency_ms=80",
+                "servo.visibility.guard=false",
+                "run.duration_s=5",
+            ];
+            let run = simulate_system(&config(file, &set), &mut |_| ControlFlow::Continue(())).unwrap();
+            let reason = run.finish.reason.to_string();
+            assert!(!reason.contains("still moves"), "{file} {gain}: {reason}");
+        }
+    }
+}

@@ -264,6 +264,7 @@ impl<const N: usize> Controller<N> {
         let bounded = if self.fault.is_some() { self.believed() } else { measured };
         let gravity = || self.joint_control.carrying(&self.arm.robot).gravity(&bounded.q);
         let Passed { command, cut, fault } = self.gate.pass(self.reference.state(), &tau, &bounded, gravity);
+        self.joint_control.note_given(&self.arm.robot, &state.q, &command.tau);
         limits.add(Limit::Effort, cut);
         if let Some(fault) = fault.or_else(|| self.astray(&measured, &state.qd, &motion, seen)) {
             self.fail(fault);

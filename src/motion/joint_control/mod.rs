@@ -30,14 +30,13 @@ use super::joint_observer::{Commanded, JointObserver, ObserverSettings};
 use super::payload_estimator::{JointTick, PayloadEstimator, WINDOW};
 use super::rotor_estimator::RotorEstimator;
 use super::{ActingLimits, ReferenceState};
-use crate::linalg::Ldlt;
 use crate::robot::Robot;
 use crate::servo::UnobservedMotion;
 use crate::time::{MonoNs, TICK};
 use law::Feedback;
 use nalgebra::SVector;
 use stall::StallGuard;
-use torque::cut;
+use torque::{acceleration, cut};
 
 /// Rate at which the velocity for which a torque law's friction is compensated follows the measured one, 1/s.
 const FOLLOWS_1_S: f64 = 10.0;
@@ -300,6 +299,17 @@ impl<const N: usize> JointController<N> {
         self.of_carrying(robot, |control, robot| control.compensated(robot, q, qd, &feedback))
     }
 
+    /// Takes note that `tau` acts until the next tick, N m or N, because the gate has changed what was asked for: what is missing is neither a disturbance nor a
+    /// payload nor a rotor.
+    pub fn note_given(&mut self, robot: &Robot<N>, q: &SVector<f64, N>, tau: &SVector<f64, N>) {
+        let Some(asked) = self.applied.filter(|asked| asked != tau) else { return };
+        self.applied = Some(*tau);
+        let missing = acceleration(self.carrying(robot), q, &(tau - asked));
+        if missing.iter().all(|missing| missing.is_finite()) {
+            self.observer.add_to_command(&missing);
+        }
+    }
+
     /// The torque for an arm that is assumed to be on the reference, with the last estimate of its disturbance: for
     /// braking without a usable state.
     #[must_use]
@@ -330,7 +340,7 @@ impl<const N: usize> JointController<N> {
         let Torques { wanted, expected, friction } = self.torques(robot, q, qd, feedback);
         let (beyond, stalled) = self.stall.bound(
             robot,
-            q,
+            (q, qd),
             &feedback.velocity,
             self.observer.encoder_step(),
             &(wanted - expected),
@@ -374,15 +384,8 @@ impl<const N: usize> JointController<N> {
     ) -> JointTorque<N> {
         let torque = cut(robot, given);
         self.applied = Some(torque.tau);
-        let missing = if torque.tau == *wanted {
-            SVector::zeros()
-        } else {
-            let B = robot.mass_matrix(q);
-            Ldlt::of(&B)
-                .map_or(SVector::zeros(), |factors| factors.solve(&(torque.tau - wanted).into()).into())
-        };
         self.observer.command(Commanded {
-            u: feedback.u + missing,
+            u: feedback.u + acceleration(robot, q, &(torque.tau - wanted)),
             w: feedback.velocity + feedback.slip - feedback.u * (0.5 * TICK.as_s()),
             velocity: feedback.velocity,
             feedback: feedback.torque,

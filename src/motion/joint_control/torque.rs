@@ -1,5 +1,6 @@
 //! The torques of a tick, within the effort limits.
 
+use crate::linalg::Ldlt;
 use crate::robot::Robot;
 use nalgebra::SVector;
 
@@ -25,4 +26,16 @@ pub(super) fn cut<const N: usize>(robot: &Robot<N>, wanted: &SVector<f64, N>) ->
         *tau = within;
     }
     JointTorque { tau, saturated, stalled: 0 }
+}
+
+/// The acceleration of the joints that the torque `tau` makes in the posture `q`.
+pub(super) fn acceleration<const N: usize>(
+    robot: &Robot<N>,
+    q: &SVector<f64, N>,
+    tau: &SVector<f64, N>,
+) -> SVector<f64, N> {
+    if tau.iter().all(|tau| *tau == 0.0) {
+        return SVector::zeros();
+    }
+    Ldlt::of(&robot.mass_matrix(q)).map_or(SVector::zeros(), |factors| factors.solve(&(*tau).into()).into())
 }
