@@ -127,7 +127,7 @@ pub fn simulate_system_with(
             finish,
             errors: system.control.final_errors(),
             settling_time_s: system.statistics.settling_time_s(),
-            target_lost: system.control.mission.measurements().last().map_or(0, |m| m.target_lost),
+            target_lost: system.control.mission.measurements().vision_counts().target_lost,
             state_hash: system.statistics.state_hash(),
         })
     })?
