@@ -286,10 +286,10 @@ mod tests {
     #[test]
     fn pauses_double_to_a_minute_and_begin_anew_after_steady_work() {
         let mut back_off = BackOff::default();
-        let pauses: Vec<_> = (0..12).map(|_| back_off.pause(SpanNs(1_000_000)).as_s()).collect();
-        assert_eq!(pauses, [0.0, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 60.0, 60.0, 60.0]);
-        assert_eq!(back_off.pause(STEADY).as_s(), 0.0);
-        assert_eq!(back_off.pause(SpanNs(0)).as_s(), 0.25);
+        let mut pause_ms = |worked| back_off.pause(worked).0 / 1_000_000;
+        let pauses: Vec<_> = (0..12).map(|_| pause_ms(SpanNs(1_000_000))).collect();
+        assert_eq!(pauses, [0, 250, 500, 1000, 2000, 4000, 8000, 16_000, 32_000, 60_000, 60_000, 60_000]);
+        assert_eq!((pause_ms(STEADY), pause_ms(SpanNs(0))), (0, 250));
     }
 
     #[test]
