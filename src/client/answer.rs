@@ -29,6 +29,10 @@ pub struct RunAnswer {
     pub camera: Option<&'static str>,
     /// For how long it has been in that state, s.
     pub camera_state_s: Option<f64>,
+    /// How often the supervisor has started a camera process anew.
+    pub camera_restarts: Option<u32>,
+    /// How often it has started vision anew.
+    pub vision_restarts: Option<u32>,
     /// Whether the run serves requests and ends on request.
     pub served: Option<bool>,
     /// Number of the control tick.
@@ -74,6 +78,8 @@ impl RunAnswer {
                 .filter(|state| *state != CameraState::Unknown)
                 .map(CameraState::as_str),
             camera_state_s: known(a.camera_state_s),
+            camera_restarts: Some(a.camera_restarts),
+            vision_restarts: Some(a.vision_restarts),
             served: Some(a.flags & answer_flag::SERVED != 0),
             tick: Some(a.tick),
             time_s: Some(a.time_s),
@@ -101,6 +107,8 @@ impl RunAnswer {
             target: None,
             camera: None,
             camera_state_s: None,
+            camera_restarts: None,
+            vision_restarts: None,
             served: None,
             tick: None,
             time_s: None,
@@ -137,6 +145,11 @@ impl RunAnswer {
         }
         if let Some((camera, s)) = self.camera.zip(self.camera_state_s) {
             let _ = write!(line, ", camera {camera} for {s:.1} s");
+        }
+        for (what, count) in [("camera", self.camera_restarts), ("vision", self.vision_restarts)] {
+            if let Some(count) = count.filter(|count| *count > 0) {
+                let _ = write!(line, ", {what} started anew {count} times");
+            }
         }
         if let Some(error) = self.feature_error_px {
             let _ = write!(line, ", feature error {error:.3} px");

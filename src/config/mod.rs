@@ -41,7 +41,7 @@ pub use frame_source::{CameraProgram, Source, Timing};
 pub use goal_file::{GoalFeature, GoalFile, GoalPose};
 pub use problem::{ConfigError, Problem};
 pub use program::{Program, ProgramGoal, ProgramStep, StepAction};
-pub use raw::{Clock, DriveKind, JointControl, RealtimePolicy, SchemeKind, SetPointKind, Task};
+pub use raw::{Clock, DriveKind, JointControl, RealtimePolicy, ResumePolicy, SchemeKind, SetPointKind, Task};
 pub use scene::Scene;
 pub use shipped::{SHIPPED_FILES, ShippedFile};
 pub use source::Document;
@@ -245,6 +245,8 @@ pub struct Safety {
     pub max_tracking_error: f64,
     /// What is done when something touches the arm.
     pub contact: ContactReaction,
+    /// How the run goes on after camera or vision was lost and started anew.
+    pub resume: ResumePolicy,
 }
 
 /// Scheduling of the control thread.

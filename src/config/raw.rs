@@ -352,6 +352,16 @@ table! {
     }
 }
 
+word! {
+    /// How a run goes on after camera or vision was lost and started anew.
+    ResumePolicy {
+        /// With the first good measurement.
+        Automatic,
+        /// The arm is held until somebody asks for `start`.
+        Manual,
+    }
+}
+
 table! {
     /// Reactions to faults.
     RawSafety {
@@ -367,6 +377,8 @@ table! {
         max_tracking_error_rad_or_m: f64 = 0.1,
         /// What is done when something touches the arm while it moves.
         contact: ContactReaction = ContactReaction::Stop,
+        /// Real time: how the run goes on after its camera or vision process was lost and started anew.
+        resume: ResumePolicy = ResumePolicy::Automatic,
     }
 }
 

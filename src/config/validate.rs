@@ -125,6 +125,7 @@ pub(super) fn validate(
             1e-4..=10.0,
         ),
         contact: raw.safety.contact,
+        resume: raw.safety.resume,
     };
     if let Some(cpu) = raw.realtime.cpu {
         check.count("realtime.cpu", cpu, 0..=MAX_CPUS - 1);

@@ -55,7 +55,7 @@ pub use role::Role;
 pub use scarcity::Scarcity;
 pub use services::Services;
 pub use spin::Spin;
-pub use stop_word::{Halt, StopWord};
+pub use stop_word::{Halt, RestartCounts, StopWord};
 
 type IpcService = iceoryx2::prelude::ipc::Service;
 type Node = iceoryx2::node::Node<IpcService>;

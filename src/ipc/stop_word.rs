@@ -13,12 +13,16 @@
 //! /dev/shm/vservo-NAME/stop                    0  stop: add 1 to ask for it
 //!                                             24  shutdown: the same
 //!                                             48  latched stop: the same, or any other number than lies there
+//!                                             72  of the supervisor: restarts (`restarts.rs`)
 //! ```
 //! Control makes the page anew when it takes its role; it is reserved then, and removed with the rest of the instance.
 
 mod file;
+mod restarts;
 
 use crate::messages::ControlState;
+use restarts::RestartCounters;
+pub use restarts::RestartCounts;
 use rustix::io::Errno;
 use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
 use std::os::fd::{AsFd, OwnedFd};
@@ -53,10 +57,11 @@ struct RequestCounter {
     reserved: AtomicU32,
 }
 
-/// The page as it lies in memory, one line for each [`Halt`]; the rest is zero.
+/// The page as it lies in memory, one line for each [`Halt`], then the restarts; the rest is zero.
 #[repr(C)]
 struct Page {
     lines: [RequestCounter; Halt::ALL.len()],
+    restarts: RestartCounters,
 }
 
 /// The page, mapped; any thread may use it.
@@ -84,9 +89,17 @@ impl StopWord {
     }
 
     #[allow(unsafe_code)]
-    fn line(&self, halt: Halt) -> &RequestCounter {
+    fn page(&self) -> &Page {
         // SAFETY: the page is mapped as long as `self` is, and as long as a `Page`; all of it is atomic.
-        let page = unsafe { self.page.as_ref() };
+        unsafe { self.page.as_ref() }
+    }
+
+    fn restart_counters(&self) -> &RestartCounters {
+        &self.page().restarts
+    }
+
+    fn line(&self, halt: Halt) -> &RequestCounter {
+        let page = self.page();
         match halt {
             Halt::Stop => &page.lines[0],
             Halt::Shutdown => &page.lines[1],

@@ -109,7 +109,7 @@ impl ControlCommand {
 }
 
 record! {
-    "vservo.ControlAnswer.v4",
+    "vservo.ControlAnswer.v5",
     /// The answer to a request, with the state of the run.
     #[derive(Debug, Clone, Copy, PartialEq)]
     pub struct ControlAnswer {
@@ -133,6 +133,10 @@ record! {
         pub camera_state: u32,
         /// Number of the goal in the run: 0 is that of the run file, each new one has the next number.
         pub goal: u32,
+        /// How often the supervisor has started a camera process anew.
+        pub camera_restarts: u32,
+        /// How often it has started vision anew.
+        pub vision_restarts: u32,
         /// Number of the control tick.
         pub tick: u64,
         /// Time since the first tick, s.
@@ -173,6 +177,8 @@ impl Default for ControlAnswer {
             arm: 0,
             camera_state: 0,
             goal: 0,
+            camera_restarts: 0,
+            vision_restarts: 0,
             tick: 0,
             time_s: 0.0,
             feature_error_px: f64::NAN,
@@ -204,12 +210,12 @@ mod tests {
     #[allow(unsafe_code)]
     fn layouts_are_fixed_and_named() {
         assert_eq!((size_of::<ControlCommand>(), align_of::<ControlCommand>()), (1304, 8));
-        assert_eq!((size_of::<ControlAnswer>(), align_of::<ControlAnswer>()), (1496, 8));
+        assert_eq!((size_of::<ControlAnswer>(), align_of::<ControlAnswer>()), (1504, 8));
         assert_eq!((offset_of!(ControlCommand, ids), offset_of!(ControlCommand, values)), (24, 280));
-        assert_eq!(offset_of!(ControlAnswer, tick), 40);
-        assert_eq!(offset_of!(ControlAnswer, q), 96);
+        assert_eq!(offset_of!(ControlAnswer, tick), 48);
+        assert_eq!(offset_of!(ControlAnswer, q), 104);
         // SAFETY: the names are only read.
         let names = unsafe { (ControlCommand::type_name(), ControlAnswer::type_name()) };
-        assert_eq!(names, ("vservo.ControlCommand.v2", "vservo.ControlAnswer.v4"));
+        assert_eq!(names, ("vservo.ControlCommand.v2", "vservo.ControlAnswer.v5"));
     }
 }

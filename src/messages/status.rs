@@ -99,7 +99,7 @@ pub mod status_flag {
 }
 
 record! {
-    "vservo.Status.v5",
+    "vservo.Status.v6",
     /// State of the run, in a flat record, so that plotting tools can show every field.
     #[derive(Debug, Clone, Copy, Default, PartialEq)]
     pub struct Status {
@@ -163,5 +163,9 @@ record! {
         pub camera_state: u32,
         /// Number of the goal in the run: 0 is that of the run file, each new one has the next number.
         pub goal: u32,
+        /// How often the supervisor has started a camera process anew.
+        pub camera_restarts: u32,
+        /// How often it has started vision anew.
+        pub vision_restarts: u32,
     }
 }

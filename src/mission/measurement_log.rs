@@ -44,12 +44,39 @@ pub struct VerdictCounts {
     pub refused_too_old: u64,
 }
 
+/// What vision counts by itself, from its start.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(crate) struct VisionCounts {
+    /// Frames that it received.
+    pub(crate) frames: u64,
+    /// Frames that it skipped.
+    pub(crate) frames_dropped: u64,
+    /// How often it lost the target.
+    pub(crate) target_lost: u64,
+}
+
+impl VisionCounts {
+    fn of(m: &Measurement) -> Self {
+        Self { frames: m.frames_received, frames_dropped: m.frames_dropped, target_lost: m.target_lost }
+    }
+
+    fn plus(self, other: Self) -> Self {
+        Self {
+            frames: self.frames.saturating_add(other.frames),
+            frames_dropped: self.frames_dropped.saturating_add(other.frames_dropped),
+            target_lost: self.target_lost.saturating_add(other.target_lost),
+        }
+    }
+}
+
 /// The measurements of a run.
 #[derive(Debug, Clone)]
 pub(crate) struct MeasurementLog {
     count: u64,
     verdict: VerdictCounts,
     last: Option<Measurement>,
+    /// Counts of vision processes before the one that sent the last measurement.
+    earlier: VisionCounts,
     last_found: Option<Measurement>,
     error_px: f64,
     latency: LatencyStages,
@@ -63,6 +90,7 @@ impl MeasurementLog {
             count: 0,
             verdict: VerdictCounts::default(),
             last: None,
+            earlier: VisionCounts::default(),
             last_found: None,
             error_px: f64::NAN,
             latency: LatencyStages::default(),
@@ -80,6 +108,10 @@ impl MeasurementLog {
         events: &mut Events,
     ) {
         self.count += 1;
+        // A count that falls is that of a vision process that was started anew.
+        if let Some(last) = self.last.filter(|last| m.frames_received < last.frames_received) {
+            self.earlier = self.earlier.plus(VisionCounts::of(&last));
+        }
         self.last = Some(*m);
         if !error_px.is_nan() {
             self.last_found = Some(*m);
@@ -165,6 +197,11 @@ impl MeasurementLog {
         self.last.as_ref()
     }
 
+    /// What vision counted since the begin of the run, over all its processes.
+    pub(crate) fn vision_counts(&self) -> VisionCounts {
+        self.earlier.plus(self.last.as_ref().map(VisionCounts::of).unwrap_or_default())
+    }
+
     /// The newest one with a feature error.
     pub(super) fn last_found(&self) -> Option<&Measurement> {
         self.last_found.as_ref()
@@ -184,6 +221,23 @@ impl MeasurementLog {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn counts_go_on_over_a_vision_that_began_anew() {
+        let mut measurements = MeasurementLog::new();
+        assert_eq!(measurements.vision_counts(), VisionCounts::default());
+        for (received, dropped, lost) in [(1, 0, 0), (7, 2, 1), (1, 0, 0), (3, 1, 0), (3, 1, 0), (1, 0, 2)] {
+            let m = Measurement {
+                frames_received: received,
+                frames_dropped: dropped,
+                target_lost: lost,
+                ..Measurement::default()
+            };
+            measurements.note(&m, None, f64::NAN, &mut Events::default());
+        }
+        let counts = measurements.vision_counts();
+        assert_eq!((counts.frames, counts.frames_dropped, counts.target_lost), (7 + 3 + 1, 2 + 1, 1 + 2));
+    }
 
     #[test]
     fn refused_measurements_are_counted_and_told_once() {

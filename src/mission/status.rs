@@ -61,6 +61,7 @@ impl<const N: usize> Mission<N> {
     pub(super) fn status(&self, trace: &Trace) -> Status {
         let (position_error_m, orientation_error_rad) = self.pose_errors().unwrap_or((f64::NAN, f64::NAN));
         let m = self.measurements.last().copied().unwrap_or_default();
+        let vision = self.measurements.vision_counts();
         let latency = self.measurements.latency();
         let us = |span: Option<SpanNs>| span.map_or(f64::NAN, SpanNs::as_us);
         Status {
@@ -78,9 +79,9 @@ impl<const N: usize> Mission<N> {
             measurement_to_command_us: us(latency.measurement_to_command),
             V_C: trace.V_C.unwrap_or([f64::NAN; 6]),
             measurements: self.measurements.count(),
-            frames: m.frames_received,
-            frames_dropped: m.frames_dropped,
-            target_lost: m.target_lost,
+            frames: vision.frames,
+            frames_dropped: vision.frames_dropped,
+            target_lost: vision.target_lost,
             missed_deadlines: trace.missed_deadlines,
             camera_state_s: f64::NAN,
             stability: self.plan.stability,
@@ -93,6 +94,8 @@ impl<const N: usize> Mission<N> {
             flags: if self.measurements.is_degraded() { status_flag::DEGRADED } else { 0 },
             camera_state: 0, // which its companion knows
             goal: self.goal.id,
+            camera_restarts: 0, // these too
+            vision_restarts: 0,
         }
     }
 }

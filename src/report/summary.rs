@@ -135,6 +135,9 @@ pub struct Summary {
     /// What each process used, by role; only the supervisor knows.
     #[serde(default)]
     pub processes: BTreeMap<String, ProcessUsage>,
+    /// How often each process was started anew, by role; those that never were are left out.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub restarts: BTreeMap<String, u32>,
     /// What safety saw.
     pub safety: SafetyReport,
     /// Ticks of a realtime run that are missing in latencies, settling and events, because their record was lost.
@@ -207,6 +210,7 @@ impl Summary {
             tick_us: TickTimes::default(),
             realtime: None,
             processes: BTreeMap::new(),
+            restarts: BTreeMap::new(),
             safety: SafetyReport { state: "fault".into(), ..SafetyReport::default() },
             lost_traces: 0,
             lost_commands: 0,
@@ -358,6 +362,10 @@ impl Summary {
                 used.cpu_s,
                 used.max_resident_mb
             );
+        }
+        if !self.restarts.is_empty() {
+            let times: Vec<_> = self.restarts.iter().map(|(name, n)| format!("{name} {n}")).collect();
+            let _ = writeln!(t, "started anew  {}", times.join(", "));
         }
         let gap = self.safety.gap();
         for (i, e) in self.safety.events.iter().enumerate() {

@@ -37,7 +37,7 @@ pub use scheduling::{
     why_not_on,
 };
 #[cfg(feature = "cli")]
-pub use service_manager::tell_service_manager;
+pub use service_manager::{ServiceWatchdog, tell_service_manager};
 #[cfg(feature = "cli")]
 pub use terminal::Terminal;
 pub use write_file::{IsRead, check_writable, write_file};

@@ -130,7 +130,7 @@ pub fn simulate_system_with(
             finish,
             errors: system.control.final_errors(),
             settling_time_s: system.statistics.settling_time_s(),
-            target_lost: measurements.last().map_or(0, |m| m.target_lost),
+            target_lost: measurements.vision_counts().target_lost,
             model_error: measurements.model_error().report(&config.camera.model, &config.target),
             state_hash: system.statistics.state_hash(),
         })

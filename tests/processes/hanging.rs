@@ -19,8 +19,10 @@ fn start(instance: &Instance, clock: &str) -> Child {
 #[test]
 fn a_suspended_process_ends_the_run_with_a_message() {
     std::thread::scope(|scope| {
-        for clock in ["realtime", "lockstep"] {
-            for role in ["control", "vision", "camera"] {
+        // In real time camera and vision are started anew instead: `restarts.rs`.
+        for (clock, roles) in [("realtime", &["control"][..]), ("lockstep", &["control", "vision", "camera"])]
+        {
+            for role in roles {
                 scope.spawn(move || {
                     let instance = Instance::new("hangs");
                     let mut child = start(&instance, clock);

@@ -42,6 +42,7 @@ mod real_cameras;
 mod record;
 mod replay;
 mod report;
+mod restarts;
 mod result_files;
 mod run_ends;
 mod run_time_goals;

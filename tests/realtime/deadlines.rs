@@ -10,9 +10,13 @@ use std::os::unix::process::ExitStatusExt;
 use std::process::{Child, Stdio};
 
 fn start(instance: &Instance, extra: &[&str]) -> Child {
+    start_for("60", instance, extra)
+}
+
+fn start_for(duration_s: &str, instance: &Instance, extra: &[&str]) -> Child {
     vservo()
         .arg("run")
-        .args(["--instance", &instance.name, "--duration-s", "60", "--set", "goal.hold_s=60"])
+        .args(["--instance", &instance.name, "--duration-s", duration_s, "--set", "goal.hold_s=60"])
         .args(extra)
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
@@ -167,11 +171,17 @@ fn children_follow_a_killed_supervisor() {
     }
 }
 
+/// Control is never started anew, and nothing is in lockstep; what is in real time has `tests/processes/restarts.rs`.
 #[test]
 fn a_killed_child_ends_the_run_with_a_reason() {
-    for role in ["camera", "vision", "control"] {
+    for (clock, role) in
+        [("realtime", "control"), ("lockstep", "control"), ("lockstep", "vision"), ("lockstep", "camera")]
+    {
         let instance = Instance::new("killed");
-        let child = start_servoing(&instance);
+        // Out of reach in lockstep, so that the run is still there.
+        let far = ["--clock", clock, "--set", "goal.feature_error_px=1e-6"];
+        let mut child = start_for("80000", &instance, &far);
+        wait_for_line(&mut child, "servoing");
         kill(wait_for_process(&instance, role), "KILL");
         let output = child.wait_with_output().unwrap();
         let text = String::from_utf8_lossy(&output.stdout).into_owned();

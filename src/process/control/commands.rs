@@ -4,7 +4,7 @@
 //! control/command ──► Commands ──ring──► real-time thread: ControlLoop::request
 //! control/command ◄── Commands ◄─ring─── its answer
 //! ```
-//! Questions for the state alone are answered here, and requests that mean nothing are refused here.
+//! Questions for the state alone are answered here, and requests that mean nothing are refused here. The companion itself asks on the same way, so that recordings have it.
 //!
 //! Clients cannot disturb a run: requests that cannot be taken are counted and reported, and never end it.
 
@@ -25,7 +25,9 @@ use tracing::{Span, debug_span, info, warn};
 pub(super) struct Commands {
     server: CommandServer,
     /// Each with its number, the ticks that were noted when it came, and a span from its coming to its answer.
-    waiting: VecDeque<(u64, u64, Asked, Span)>,
+    waiting: VecDeque<(u64, u64, RequestOrigin, Span)>,
+    /// What the companion itself asks for.
+    own: Option<Request>,
     next: u64,
     standing: ControlAnswer,
     /// Looks for a request that failed.
@@ -35,6 +37,29 @@ pub(super) struct Commands {
     /// Time of the last tick, and how many were noted.
     noted: MonoNs,
     ticks: u64,
+}
+
+/// Who asked for something.
+enum RequestOrigin {
+    /// A client, which waits for the answer.
+    Client(Asked),
+    /// The companion.
+    Companion(Request),
+}
+
+impl RequestOrigin {
+    fn command(&self) -> ControlCommand {
+        match self {
+            Self::Client(asked) => asked.command(),
+            Self::Companion(request) => ControlCommand::of(*request as u32),
+        }
+    }
+
+    fn answer(self, answer: &ControlAnswer) {
+        if let Self::Client(asked) = self {
+            asked.answer(answer);
+        }
+    }
 }
 
 /// What a command asks for.
@@ -68,6 +93,7 @@ impl Commands {
         Self {
             server,
             waiting: VecDeque::new(),
+            own: None,
             next: 0,
             standing,
             failed: 0,
@@ -110,34 +136,51 @@ impl Commands {
         standing.goal_features.iter_mut().zip(features).for_each(|(place, x)| *place = x);
     }
 
-    /// Takes in how the camera stands.
+    /// Takes in how camera and vision stand.
     pub(super) fn note_camera(&mut self, status: &Status) {
-        (self.standing.camera_state, self.standing.camera_state_s) =
-            (status.camera_state, status.camera_state_s);
+        let standing = &mut self.standing;
+        (standing.camera_state, standing.camera_state_s) = (status.camera_state, status.camera_state_s);
+        (standing.camera_restarts, standing.vision_restarts) =
+            (status.camera_restarts, status.vision_restarts);
+    }
+
+    /// Asks for `hold` itself where the arm moves, or would with the next good measurement.
+    pub(super) fn hold(&mut self) {
+        use ControlState::{Holding, Returning, Servoing, Waiting};
+        let state = ControlState::from_code(self.standing.state);
+        if matches!(state, Waiting | Servoing | Holding | Returning) {
+            self.own = Some(Request::Hold);
+        }
     }
 
     /// The next request for the loop; everything else that has come is answered.
     pub(super) fn next(&mut self) -> Option<ClientRequest> {
+        if let Some(request) = self.own.take() {
+            let asker = RequestOrigin::Companion(request);
+            let command = asker.command();
+            return Some(self.wait_for(asker, request, command));
+        }
         while let Some(asked) = self.take() {
             let command = asked.command();
             let refusal = match ParsedCommand::of(&command) {
                 ParsedCommand::State => 0,
                 ParsedCommand::Nothing(refusal) => refusal as u32,
                 ParsedCommand::Request(request) => {
-                    self.next += 1;
-                    self.waiting.push_back((
-                        self.next,
-                        self.ticks,
-                        asked,
-                        debug_span!("request", request = request.as_str()),
-                    ));
-                    return Some(ClientRequest { number: self.next, request, command });
+                    return Some(self.wait_for(RequestOrigin::Client(asked), request, command));
                 }
             };
             let ControlCommand { request, arm, .. } = command;
             asked.answer(&ControlAnswer { request, arm, refusal, ..self.standing });
         }
         None
+    }
+
+    /// Gives a request its number; it waits for its answer from now on.
+    fn wait_for(&mut self, asker: RequestOrigin, request: Request, command: ControlCommand) -> ClientRequest {
+        self.next += 1;
+        let span = debug_span!("request", request = request.as_str());
+        self.waiting.push_back((self.next, self.ticks, asker, span));
+        ClientRequest { number: self.next, request, command }
     }
 
     /// Before the first tick: questions are answered, a stop and a shutdown are taken, everything else is refused.

@@ -15,6 +15,7 @@ mod realtime_thread;
 mod recorded;
 mod recorder_pace;
 mod requests;
+mod restart_watch;
 mod run_files;
 mod stops;
 
@@ -241,7 +242,7 @@ fn summary<const N: usize>(
     let measurement_log = mission.measurements();
     let joint_control = control.controller().joint_control();
     let finish = mission.finish().unwrap_or(WITHOUT_AN_END);
-    let m = measurement_log.last().copied().unwrap_or_default();
+    let vision = measurement_log.vision_counts();
     let lockstep = config.clock == Clock::Lockstep;
     let reason = match pace.camera_is_away {
         Some(away) if finish.outcome == Outcome::NotConverged => {
@@ -260,11 +261,11 @@ fn summary<const N: usize>(
         ticks: control.ticks(),
         missed_deadlines: pace.missed_deadlines,
         skipped_ticks: pace.skipped_ticks,
-        frames: m.frames_received,
+        frames: vision.frames,
         measurements: measurement_log.count(),
         intake: *measurement_log.verdicts(),
-        frames_dropped: m.frames_dropped,
-        target_lost: m.target_lost,
+        frames_dropped: vision.frames_dropped,
+        target_lost: vision.target_lost,
         late_drive_states: control.late_drive_states(),
         settling_time_s: statistics.settling_time_s(),
         final_errors: mission.final_errors(),
@@ -272,6 +273,7 @@ fn summary<const N: usize>(
         tick_us: pace.tick_us,
         realtime: pace.realtime,
         processes: BTreeMap::new(),
+        restarts: BTreeMap::new(),
         safety: statistics.safety_report(mission.state()),
         lost_traces: pace.lost_traces,
         lost_commands: pace.lost_commands,

@@ -15,6 +15,7 @@ use super::event_log;
 use super::external_drive::{self, DrivePorts};
 use super::realtime_thread::{AtEnd, Panic, RealtimeThread};
 use super::requests::{Answered, Asking, ClientRequest};
+use super::restart_watch::RestartWatch;
 use super::stops::Stops;
 use super::{Listeners, Pace, Ports};
 use crate::config::RealtimePolicy;
@@ -76,6 +77,7 @@ pub(super) fn run<const N: usize>(
     let memory = request.as_ref().and_then(rt::prepare_process);
     let max_missed_in_a_row = config.safety.max_missed_in_a_row;
     let halt = StopFlag::default();
+    let restarts = RestartWatch::new(stops.clone(), config);
     let worker = RealtimeThread {
         control,
         measurements,
@@ -124,6 +126,7 @@ pub(super) fn run<const N: usize>(
         to_send,
         commands,
         camera,
+        restarts,
         asked,
         answered,
         listeners,
@@ -210,6 +213,7 @@ struct Companion<'a, const N: usize> {
     to_send: Consumer<Trace>,
     commands: Commands,
     camera: CameraWatch,
+    restarts: RestartWatch,
     asked: Producer<Asking<N>>,
     answered: Consumer<Answered>,
     listeners: &'a mut Listeners<N>,
@@ -226,6 +230,7 @@ impl<const N: usize> Companion<'_, N> {
     fn carry(&mut self) -> Result<(), ProcessError> {
         let measured = self.take_measurements();
         let looked = self.look_at_cameras();
+        self.look_at_restarts();
         let mut told = self.send_records();
         while let Ok(answered) = self.answered.pop() {
             told = told.and(self.answer(&answered));
@@ -295,6 +300,17 @@ impl<const N: usize> Companion<'_, N> {
         Ok(())
     }
 
+    /// Of the processes that see for this one.
+    fn look_at_restarts(&mut self) {
+        let news = self.restarts.look();
+        if let Some(event) = news.event {
+            self.statistics.note_event(rt::now(), event);
+        }
+        if news.holds {
+            self.commands.hold();
+        }
+    }
+
     /// The trace of a tick, completed by the mission.
     fn note(&mut self, mut trace: Trace) -> Trace {
         let frame = trace.measurement_record.map(|record| record.frame);
@@ -326,7 +342,7 @@ impl<const N: usize> Companion<'_, N> {
                 self.silence = None;
             }
             if let Some(status) = &record.status {
-                let status = self.camera.added_to(status);
+                let status = self.restarts.added_to(&self.camera.added_to(status));
                 self.commands.note_camera(&status);
                 sent = sent.and(self.ports.status.send_quietly(&status));
             }

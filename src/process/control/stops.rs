@@ -3,7 +3,7 @@
 use crate::control::control_loop::ControlLoop;
 use crate::control::lifecycle::{Refusal, Request};
 use crate::control::safety::Fault;
-use crate::ipc::{Halt, StopWord};
+use crate::ipc::{Halt, RestartCounts, StopWord};
 use crate::messages::ControlState;
 use crate::process::StopFlag;
 use crate::process::stop::STOP_REASON;
@@ -59,6 +59,11 @@ impl Stops {
             Some(_) if !stands => self.word.take(Halt::Latch, number, ControlState::default()),
             Some(_) => {}
         }
+    }
+
+    /// What the supervisor says of camera and vision.
+    pub(super) fn restarts(&self) -> RestartCounts {
+        self.word.restarts()
     }
 
     /// Whether a wait between two ticks is to end: the next tick obeys.

@@ -7,7 +7,7 @@ use crate::process::ProcessError;
 use crate::process::drive_guard::{CAMERA_VARIABLE, program_key};
 use crate::report::summary::ProcessUsage;
 use crate::rt::{log_environment, now};
-use crate::time::MonoNs;
+use crate::time::{MonoNs, SpanNs};
 use rustix::process::{Pid, Signal, kill_process};
 use std::fmt;
 use std::fs::File;
@@ -24,6 +24,12 @@ const LOST_CODE: i32 = 1;
 /// How a process ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct ProcessEnd(ExitStatus);
+
+impl From<ExitStatus> for ProcessEnd {
+    fn from(status: ExitStatus) -> Self {
+        Self(status)
+    }
+}
 
 impl ProcessEnd {
     /// Its exit code; `None` when a signal ended it.
@@ -52,7 +58,9 @@ pub(super) struct Child {
     process: std::process::Child,
     started: MonoNs,
     end: Option<ProcessEnd>,
-    usage: Option<ProcessUsage>,
+    /// What it used, and in how long a life; with those before it in its place.
+    used: Option<(Used, SpanNs)>,
+    before: (Used, SpanNs),
     output: Option<JoinHandle<String>>,
 }
 
@@ -88,6 +96,7 @@ impl Child {
         if role == Role::Control {
             command.arg("--json").stdout(Stdio::piped());
         }
+        keep_descriptors_here(&mut command);
         let started = now();
         let mut process = command.spawn().map_err(failed)?;
         let output = process.stdout.take().and_then(|mut pipe| {
@@ -98,7 +107,15 @@ impl Child {
             };
             std::thread::Builder::new().name("control-output".into()).spawn(read).ok()
         });
-        Ok(Self { role, process, started, end: None, usage: None, output })
+        Ok(Self {
+            role,
+            process,
+            started,
+            end: None,
+            used: None,
+            before: <(Used, SpanNs)>::default(),
+            output,
+        })
     }
 
     /// Starts the program of an external drive or camera, behind its guard: it ends when the supervisor has, but not before control.
@@ -129,9 +146,18 @@ impl Child {
             // stdout belongs to the results of the run.
             .stdout(std::io::stderr().as_fd().try_clone_to_owned().map_err(failed)?)
             .process_group(0);
+        keep_descriptors_here(&mut command);
         let started = now();
         let process = command.spawn().map_err(failed)?;
-        Ok(Some(Self { role, process, started, end: None, usage: None, output: None }))
+        Ok(Some(Self {
+            role,
+            process,
+            started,
+            end: None,
+            used: None,
+            before: <(Used, SpanNs)>::default(),
+            output: None,
+        }))
     }
 
     pub(super) fn role(&self) -> Role {
@@ -146,9 +172,15 @@ impl Child {
         self.end
     }
 
-    /// What it used, once it has ended.
+    /// What it used, once it has ended, with those before it in its place.
     pub(super) fn usage(&self) -> Option<ProcessUsage> {
-        self.usage
+        self.used.map(|(used, life)| used.over(life))
+    }
+
+    /// The same process in the place of `dead`, which has ended.
+    pub(super) fn in_place_of(mut self, dead: &Self) -> Self {
+        self.before = dead.used.unwrap_or(dead.before);
+        self
     }
 
     /// Takes note of its end. It must not have ended before: its number may belong to another process by now.
@@ -159,7 +191,8 @@ impl Child {
             ChildState::Lost => (ExitStatus::from_raw(LOST_CODE << 8), None),
         };
         self.end = Some(ProcessEnd(status));
-        self.usage = used.map(|used: Used| used.over(now() - self.started));
+        let (before, life_before) = self.before;
+        self.used = used.map(|used| (used.with(before), SpanNs((now() - self.started).0 + life_before.0)));
     }
 
     /// Asks it to end.
@@ -188,6 +221,21 @@ impl Child {
     pub(super) fn take_output(&mut self) -> Option<String> {
         self.output.take()?.join().ok()
     }
+}
+
+/// Has the kernel close all files of this process but stdin, stdout and stderr in the program that `command` starts: those of the transport are not marked so
+/// by themselves, and would be open in a process that is started later for as long as it lives.
+#[allow(unsafe_code)]
+fn keep_descriptors_here(command: &mut Command) {
+    /// The first descriptor after stderr, since those up to it are given on purpose.
+    const FIRST: libc::c_uint = 3;
+    let mark = || {
+        // SAFETY: the call takes three numbers and touches no memory. A kernel before 5.11 does not know it, and leaves the files open.
+        unsafe { libc::syscall(libc::SYS_close_range, FIRST, libc::c_uint::MAX, libc::CLOSE_RANGE_CLOEXEC) };
+        Ok(())
+    };
+    // SAFETY: between fork and exec the closure makes one system call and neither allocates nor takes a lock.
+    unsafe { command.pre_exec(mark) };
 }
 
 impl Drop for Child {

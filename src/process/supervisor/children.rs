@@ -34,23 +34,26 @@ const RECORDER_JOINS: SpanNs = SpanNs(10_000_000_000);
 const REPORT_EVERY: SpanNs = SpanNs(2_000_000_000);
 
 /// Control and the processes around it.
-pub(super) struct Children {
+pub(super) struct Children<'a> {
     pub(super) control: Child,
     pub(super) others: Vec<Child>,
     recorder: Option<Child>,
+    instance: &'a Instance,
+    written: &'a File,
+    outputs: RunOutputs<'a>,
     longest_stop: SpanNs,
     shutdown_of_others: SpanNs,
     is_down: bool,
 }
 
-impl Children {
+impl<'a> Children<'a> {
     /// Starts the processes of a run, which read the effective configuration from the file `written`. What they have to tell beside
     /// the summary goes where `outputs` says.
     pub(super) fn start(
         config: &Config,
-        instance: &Instance,
-        written: &File,
-        outputs: RunOutputs<'_>,
+        instance: &'a Instance,
+        written: &'a File,
+        outputs: RunOutputs<'a>,
     ) -> Result<Self, ProcessError> {
         let longest_stop = longest_stop(config);
         let shutdown_of_others =
@@ -62,8 +65,17 @@ impl Children {
         }
         let control = Child::spawn(Role::Control, instance, written, outputs)?;
         // From here on whatever fails ends what was started in order.
-        let mut children =
-            Self { control, others: Vec::new(), recorder, longest_stop, shutdown_of_others, is_down: false };
+        let mut children = Self {
+            control,
+            others: Vec::new(),
+            recorder,
+            instance,
+            written,
+            outputs,
+            longest_stop,
+            shutdown_of_others,
+            is_down: false,
+        };
         for role in seeing_roles(config) {
             children.others.push(Child::spawn(role, instance, written, outputs)?);
         }
@@ -78,6 +90,20 @@ impl Children {
             }
         }
         Ok(children)
+    }
+
+    /// Starts the process of `role`, which has ended, anew.
+    pub(super) fn start_anew(&mut self, role: Role) -> Result<(), ProcessError> {
+        if let Some(place) = self.others.iter_mut().find(|child| child.role() == role) {
+            let child = Child::spawn(role, self.instance, self.written, self.outputs)?;
+            *place = child.in_place_of(place);
+        }
+        Ok(())
+    }
+
+    /// Ends the process of `role` at once.
+    pub(super) fn kill(&mut self, role: Role) {
+        self.others.iter_mut().filter(|child| child.role() == role).for_each(Child::kill);
     }
 
     /// Ends control, which brings the arm to rest as long as that takes, then the others; kills what does not end in time.
@@ -128,7 +154,7 @@ impl Children {
     }
 }
 
-impl Drop for Children {
+impl Drop for Children<'_> {
     /// On an error or a panic: the arm comes to rest first, as always.
     fn drop(&mut self) {
         if !self.is_down {

@@ -20,24 +20,78 @@ const PERIOD: SpanNs = SpanNs(100_000_000);
 const REPORT_AFTER: SpanNs = SpanNs(2_000_000_000);
 /// A silence that ends the run.
 const GIVE_UP_AFTER: SpanNs = SpanNs(6_000_000_000);
+/// A silence of a process that can be started anew. The arm holds already, so that a mistake costs no more than that start; a driver of a camera that is opened anew may
+/// take a second or two.
+const START_ANEW_AFTER: SpanNs = SpanNs(3_000_000_000);
 /// From the start of a process to its first sign: a busy machine may take its time.
 const START_UP: SpanNs = SpanNs(20_000_000_000);
+/// Heartbeats after which the main loop of a process has come round: the first one comes when it joins.
+const WORKS: u32 = 2;
 
 /// The signs of life of a run's processes.
 pub(super) struct HangWatch {
     instance: Instance,
     clock: Clock,
     next_look: MonoNs,
-    heartbeats: Vec<(Role, Sign)>,
+    heartbeats: Vec<Heart>,
     ticks: Sign,
 }
 
+/// The heartbeats of a process.
+#[derive(Debug, Clone, Copy)]
+struct Heart {
+    role: Role,
+    sign: Sign,
+    /// The last one of the process that played the role before: it is none of this one.
+    stale: Option<MonoNs>,
+    /// How many different ones were seen of this process.
+    beats: u32,
+    /// Whether there is no process now.
+    is_away: bool,
+}
+
+impl Heart {
+    fn of(role: Role, instance: &Instance, now: MonoNs) -> Self {
+        Self { role, sign: Sign::new(now), stale: instance.last_heartbeat(role), beats: 0, is_away: false }
+    }
+
+    fn listen(&mut self, instance: &Instance, now: MonoNs) {
+        let heartbeat = instance.last_heartbeat(self.role).filter(|last| self.stale != Some(*last));
+        if let Some(heartbeat) = heartbeat
+            && self.sign.seen(heartbeat.0, now)
+        {
+            self.beats = self.beats.saturating_add(1);
+        }
+    }
+}
+
 impl HangWatch {
-    /// Over control and those that see for it.
+    /// Over control and those that see for it, before they are started.
     pub(super) fn new(instance: &Instance, clock: Clock, seeing: Vec<Role>, now: MonoNs) -> Self {
-        let sign = Sign::new(now);
-        let heartbeats = std::iter::once(Role::Control).chain(seeing).map(|role| (role, sign)).collect();
-        Self { instance: instance.clone(), clock, next_look: now, heartbeats, ticks: sign }
+        let roles = std::iter::once(Role::Control).chain(seeing);
+        let heartbeats = roles.map(|role| Heart::of(role, instance, now)).collect();
+        Self { instance: instance.clone(), clock, next_look: now, heartbeats, ticks: Sign::new(now) }
+    }
+
+    /// The process of `role` is about to be started anew.
+    pub(super) fn begin_anew(&mut self, role: Role, now: MonoNs) {
+        if let Some(heart) = self.heartbeats.iter_mut().find(|heart| heart.role == role) {
+            *heart = Heart::of(role, &self.instance, now);
+        }
+    }
+
+    /// The process of `role` has ended: it is not waited for. Whether it had joined the instance.
+    pub(super) fn ended(&mut self, role: Role, now: MonoNs) -> bool {
+        let Some(heart) = self.heartbeats.iter_mut().find(|heart| heart.role == role) else { return false };
+        if !std::mem::replace(&mut heart.is_away, true) {
+            heart.listen(&self.instance, now);
+        }
+        heart.beats > 0
+    }
+
+    /// Those whose main loop comes round.
+    pub(super) fn working(&self) -> impl Iterator<Item = Role> {
+        self.heartbeats.iter().filter(|heart| heart.beats >= WORKS && !heart.is_away).map(|heart| heart.role)
     }
 
     /// Control said where the run stands.
@@ -57,19 +111,32 @@ impl HangWatch {
         }
         self.next_look = now + PERIOD;
         let mut hangs = None;
-        for (role, sign) in &mut self.heartbeats {
-            if let Some(heartbeat) = self.instance.last_heartbeat(*role) {
-                sign.seen(heartbeat.0, now);
-            }
-            hangs = sign.judge(*role, "shows no sign of life", now).or(hangs);
+        for heart in self.heartbeats.iter_mut().filter(|heart| !heart.is_away) {
+            heart.listen(&self.instance, now);
+            let can_be_mended = heart.role != Role::Control && self.clock == Clock::Realtime;
+            let patience = if can_be_mended && heart.beats >= WORKS {
+                Patience { silence: START_ANEW_AFTER, then: "it is started anew" }
+            } else {
+                ENDS_THE_RUN
+            };
+            hangs = heart.sign.judge(heart.role, "shows no sign of life", patience, now).or(hangs);
         }
         // In lockstep control's ticks wait for camera and vision; then its heartbeat alone is a sign.
         if self.clock == Clock::Realtime && self.ticks.last.is_some() {
-            hangs = self.ticks.judge(Role::Control, "does not tick", now).or(hangs);
+            hangs = self.ticks.judge(Role::Control, "does not tick", ENDS_THE_RUN, now).or(hangs);
         }
         hangs
     }
 }
+
+/// How long a silence may last.
+#[derive(Debug, Clone, Copy)]
+struct Patience {
+    silence: SpanNs,
+    then: &'static str,
+}
+
+const ENDS_THE_RUN: Patience = Patience { silence: GIVE_UP_AFTER, then: "the run ends" };
 
 /// A value that changes while its process lives.
 #[derive(Debug, Clone, Copy)]
@@ -84,23 +151,27 @@ impl Sign {
         Self { last: None, silence: Silence::begin(now), told: false }
     }
 
-    fn seen(&mut self, value: i64, now: MonoNs) {
-        if self.last != Some(value) {
+    /// Whether it is another value than before.
+    fn seen(&mut self, value: i64, now: MonoNs) -> bool {
+        let is_new = self.last != Some(value);
+        if is_new {
             *self = Self { last: Some(value), ..Self::new(now) };
         }
+        is_new
     }
 
-    fn judge(&mut self, role: Role, what: &str, now: MonoNs) -> Option<(Role, SpanNs)> {
+    fn judge(&mut self, role: Role, what: &str, patience: Patience, now: MonoNs) -> Option<(Role, SpanNs)> {
         let silent = self.silence.look(now);
-        let patience = if self.last.is_some() { GIVE_UP_AFTER } else { START_UP };
-        if silent > REPORT_AFTER && !std::mem::replace(&mut self.told, true) {
+        let limit = if self.last.is_some() { patience.silence } else { START_UP };
+        if silent > REPORT_AFTER && silent <= limit && !std::mem::replace(&mut self.told, true) {
             warn!(
-                "the {role} process {what} for {:.0} s; the run ends after {:.0} s",
+                "the {role} process {what} for {:.0} s; {} after {:.0} s",
                 silent.as_s(),
-                patience.as_s()
+                patience.then,
+                limit.as_s()
             );
         }
-        (silent > patience).then_some((role, silent))
+        (silent > limit).then_some((role, silent))
     }
 }
 
@@ -118,7 +189,7 @@ mod tests {
             if ms < 3_000 {
                 sign.seen(ms, at(ms));
             }
-            if sign.judge(Role::Vision(CameraId::FIRST), "is silent", at(ms)).is_some() {
+            if sign.judge(Role::Vision(CameraId::FIRST), "is silent", ENDS_THE_RUN, at(ms)).is_some() {
                 given_up.get_or_insert(ms);
             } else {
                 assert_eq!(given_up, None);
@@ -129,10 +200,38 @@ mod tests {
     }
 
     #[test]
+    fn a_process_works_from_its_second_own_heartbeat_on() {
+        let instance: Instance = format!("u-hearts-{}", std::process::id()).parse().unwrap();
+        let role = Role::Vision(CameraId::FIRST);
+        let mut time = crate::rt::now();
+        let mut look = |watch: &mut HangWatch| {
+            time = time + PERIOD;
+            assert_eq!(watch.look(time), None);
+            watch.working().count()
+        };
+        let lock = instance.lock(role).unwrap();
+        let _ = lock.heartbeat().unwrap();
+        let mut watch = HangWatch::new(&instance, Clock::Realtime, vec![role], crate::rt::now());
+        assert_eq!(look(&mut watch), 0, "that was one before");
+        let _ = lock.heartbeat().unwrap();
+        assert_eq!(look(&mut watch), 0, "it has joined");
+        let _ = lock.heartbeat().unwrap();
+        assert_eq!(look(&mut watch), 1);
+        assert!(watch.ended(role, crate::rt::now()));
+        assert_eq!(look(&mut watch), 0);
+        watch.begin_anew(role, crate::rt::now());
+        assert_eq!(look(&mut watch), 0);
+        assert!(!watch.ended(role, crate::rt::now()), "it died before it joined");
+        drop(lock);
+        instance.remove_leftovers(None);
+    }
+
+    #[test]
     fn a_start_may_take_longer() {
         let mut sign = Sign::new(MonoNs(0));
         let first = (0..400).map(|k| k * 100).find(|ms| {
-            sign.judge(Role::Camera(CameraId::FIRST), "is silent", MonoNs(ms * 1_000_000)).is_some()
+            sign.judge(Role::Camera(CameraId::FIRST), "is silent", ENDS_THE_RUN, MonoNs(ms * 1_000_000))
+                .is_some()
         });
         assert_eq!(first, Some(20_100));
     }

@@ -2,7 +2,8 @@
 //!
 //! ```text
 //! lock ─► configuration into shared memory ─► camera, vision, control ─► watch ─┬─ control is done
-//!                                                                             ├─ a process died, or hangs (hang_watch)
+//!                                    camera or vision is started anew (restarts) ◄┤  in real time, when it died or hangs (hang_watch)
+//!                                                                             ├─ another process died, or hangs
 //!                                                                             └─ SIGINT, SIGTERM
 //!        remove leftovers ◄─ reap ◄─ kill what hangs ◄─ the others end ◄─ control has brought the arm to rest ◄┘
 //! ```
@@ -13,6 +14,7 @@ mod hang_watch;
 mod latch_signal;
 mod progress;
 mod reap;
+mod restarts;
 
 use super::{ProcessError, ReportFolder, StopFlag, seeing_roles, shape_of};
 use crate::config::Config;
@@ -21,13 +23,14 @@ use crate::input::printable;
 use crate::ipc::{Instance, InstanceError, Receiver, Role, SPACE_BESIDE_FRAMES_BYTES, Services};
 use crate::messages::Status;
 use crate::report::summary::Summary;
-use crate::rt::{now, tell_service_manager};
+use crate::rt::{ServiceWatchdog, now, tell_service_manager};
 use crate::time::SpanNs;
 use child::ProcessEnd;
 use children::Children;
 use hang_watch::HangWatch;
 use latch_signal::LatchSignal;
 use progress::Progress;
+use restarts::{Reaction, Restarts};
 use std::fs::File;
 use std::path::Path;
 use std::time::Duration;
@@ -124,26 +127,29 @@ fn supervise(
         return Ok(stopped_before_the_start(config, now() - start));
     }
     let latch = LatchSignal::handled(instance);
+    let hang_watch = HangWatch::new(instance, config.clock, seeing_roles(config), now());
     let mut children = Children::start(config, instance, written, outputs)?;
-    let (failure, end) = {
-        // Attached after the children were started: a process must not fork once it has joined the transport.
+    let (failure, absent, restarts, end) = {
         let services = Services::join(instance).ok();
         let status = services.as_ref().and_then(|s| s.status_receiver().ok());
         let mut watch = Watch {
             instance: instance.clone(),
             status,
             progress: Progress::new(config.serve),
-            hang_watch: HangWatch::new(instance, config.clock, seeing_roles(config), now()),
-            is_ready: false,
+            hang_watch,
+            restarts: Restarts::new(config, instance),
+            last_tick: None,
+            service_watchdog: ServiceWatchdog::from_environment(),
             latch,
         };
         let failure = watch.until_the_end(&mut children, stop);
+        let absent = watch.restarts.absent();
         let end = children.shut_down(Some(&mut watch));
         if end.1.is_none() && stop.is_requested() && !watch.hang_watch.has_ticked() {
             // A stop that came while control was still starting: nothing has moved yet.
             return Ok(stopped_before_the_start(config, now() - start));
         }
-        (failure, end)
+        (failure, absent, watch.restarts.by_role(), end)
     };
     let mut end = conclude(config, failure, end, now() - start);
     // Control may have ended first: then it knows that the drive has left, but not why.
@@ -153,7 +159,11 @@ fn supervise(
             end.summary.reason = format!("{}: {words}", end.summary.reason);
         }
     }
+    if let Some(absent) = absent.filter(|_| end.summary.outcome == Outcome::NotConverged) {
+        end.summary.reason = format!("{}: {absent}", end.summary.reason);
+    }
     end.summary.processes = children.usages();
+    end.summary.restarts = restarts;
     Ok(end)
 }
 
@@ -190,8 +200,10 @@ struct Watch {
     status: Option<Receiver<Status>>,
     progress: Progress,
     hang_watch: HangWatch,
-    /// Whether control has had its first tick.
-    is_ready: bool,
+    restarts: Restarts,
+    /// The last tick of control that it told.
+    last_tick: Option<u64>,
+    service_watchdog: ServiceWatchdog,
     latch: LatchSignal,
 }
 
@@ -200,8 +212,15 @@ impl Watch {
     fn look(&mut self) -> Option<(Role, SpanNs)> {
         self.latch.look();
         if let Some(Ok(Some(status))) = self.status.as_ref().map(Receiver::receive_newest) {
-            if !std::mem::replace(&mut self.is_ready, true) {
+            let before = self.last_tick.replace(status.tick);
+            if before.is_none() {
                 tell_service_manager("READY=1");
+            }
+            if before != Some(status.tick) {
+                self.service_watchdog.feed(now());
+            }
+            if status.frames > 0 {
+                self.restarts.all_work(now());
             }
             self.progress.show(&status);
             self.hang_watch.note(&status, now());
@@ -209,15 +228,37 @@ impl Watch {
         self.hang_watch.look(now())
     }
 
-    /// Waits until control is done, another process dies, one hangs, or a stop is requested.
-    fn until_the_end(&mut self, children: &mut Children, stop: &StopFlag) -> Option<Failure> {
+    /// Starts anew what died, when its time has come, and takes note of what is back.
+    fn mend(&mut self, children: &mut Children<'_>) {
+        self.restarts.tell();
+        for role in self.hang_watch.working() {
+            self.restarts.works(role, now());
+        }
+        while let Some(role) = self.restarts.due(now()) {
+            self.hang_watch.begin_anew(role, now());
+            let refusal = children.start_anew(role).err();
+            self.restarts.started(role, refusal.as_ref().map(|e| e as &dyn std::fmt::Display), now());
+            if refusal.is_some() {
+                self.hang_watch.ended(role, now());
+            }
+        }
+    }
+
+    /// Waits until control is done, a stop is requested, or a process dies or hangs that is not started anew.
+    fn until_the_end(&mut self, children: &mut Children<'_>, stop: &StopFlag) -> Option<Failure> {
         let mut drive_left = None;
         let failure = loop {
             let silent = self.look();
             if children.control.poll().is_some() || stop.is_requested() {
                 break None;
             }
+            self.mend(children);
             let ended = children.others.iter_mut().filter_map(|c| c.poll().map(|end| (c.role(), end)));
+            let (restarts, hang_watch) = (&mut self.restarts, &mut self.hang_watch);
+            let ended = ended.filter(|(role, end)| {
+                let joined = hang_watch.ended(*role, now());
+                restarts.ended(*role, *end, joined, now()) == Reaction::EndsTheRun
+            });
             // A drive may leave as soon as it was told that the run is over; control has yet to say how it went.
             let mut ended = ended.filter(|(role, end)| {
                 let leaves = *role == Role::Drive && end.exit_code() == Some(0);
@@ -228,6 +269,10 @@ impl Watch {
                 break Some(Failure::ended(role, end, words));
             }
             if let Some((role, silent)) = silent {
+                if self.restarts.is_hanging(role, silent) {
+                    children.kill(role);
+                    continue;
+                }
                 break Some(Failure::hangs(role, silent));
             }
             std::thread::sleep(WATCH_PERIOD);

@@ -14,6 +14,14 @@ pub(super) struct Used {
 }
 
 impl Used {
+    /// With what another process used before.
+    pub(super) fn with(self, before: Self) -> Self {
+        Self {
+            cpu_s: self.cpu_s + before.cpu_s,
+            max_resident_mb: self.max_resident_mb.max(before.max_resident_mb),
+        }
+    }
+
     /// With the length of its life.
     pub(super) fn over(self, life: SpanNs) -> ProcessUsage {
         let cpu_share = if life.0 > 0 { self.cpu_s / life.as_s() } else { 0.0 };
@@ -82,5 +90,7 @@ mod tests {
         let used = Used { cpu_s: 3.0, max_resident_mb: 12.0 };
         assert_eq!(used.over(SpanNs::from_s(2.0)).cpu_share, 1.5);
         assert_eq!(used.over(SpanNs(0)).cpu_share, 0.0);
+        let both = used.with(Used { cpu_s: 1.0, max_resident_mb: 20.0 });
+        assert_eq!(both, Used { cpu_s: 4.0, max_resident_mb: 20.0 });
     }
 }
