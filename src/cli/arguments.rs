@@ -223,7 +223,7 @@ impl ClockArgument {
 }
 
 /// Which run file, with which changes, under which name: what every command that starts a run takes.
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 pub struct CellArguments {
     /// Run file (TOML), or the name of a shipped one (`vservo config --list`); the default where it is left out
     #[arg(add = ArgValueCompleter::new(completion::run_file))]
@@ -266,6 +266,9 @@ pub struct RunArguments {
     /// Of a replay: the first damaged file ends the run (camera.replay.strict)
     #[arg(long)]
     pub strict: bool,
+    /// Servo with an unknown lens, mount and target to a taught view: learn the image Jacobian by moving
+    #[arg(long)]
+    pub uncalibrated: bool,
     /// Run also where `vservo check` says that the arm cannot reach the goal
     #[arg(long)]
     pub anyway: bool,
@@ -286,6 +289,9 @@ pub struct ServeArguments {
     /// What runs
     #[command(flatten)]
     pub cell: CellArguments,
+    /// Servo with an unknown lens, mount and target to a taught view: learn the image Jacobian by moving
+    #[arg(long)]
+    pub uncalibrated: bool,
     /// Write the summary to this file as JSON, at the end
     #[arg(long, value_name = "FILE.json")]
     pub summary: Option<PathBuf>,
@@ -334,23 +340,6 @@ pub struct RoleArguments {
     /// control, vision: leave what a report is made of in this folder
     #[arg(long, hide = true, value_name = "DIR")]
     pub report: Option<PathBuf>,
-}
-
-impl From<CameraArguments> for RoleArguments {
-    fn from(a: CameraArguments) -> Self {
-        let CameraArguments { config, instance, set, camera, supervised_by, config_on_stdin, .. } = a;
-        Self {
-            config,
-            instance,
-            set,
-            camera,
-            summary: None,
-            json: false,
-            supervised_by,
-            config_on_stdin,
-            report: None,
-        }
-    }
 }
 
 /// Of `vservo experiment`.
@@ -413,6 +402,9 @@ pub struct TeachArguments {
     /// How many measurements to take the mean of
     #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     pub measurements: u32,
+    /// For `vservo run --uncalibrated`: the points need not fit lens and target of the run file
+    #[arg(long)]
+    pub uncalibrated: bool,
     /// Change one value of the run file; may be repeated
     #[arg(long, value_name = "key.path=value", add = ArgValueCandidates::new(completion::keys))]
     pub set: Vec<String>,

@@ -31,6 +31,7 @@ mod teach;
 mod teach_view;
 mod tool_arguments;
 mod tune;
+mod uncalibrated;
 mod view;
 
 pub use arguments::{
@@ -96,7 +97,8 @@ pub fn main() -> ExitCode {
                 recording: arguments.record.as_deref(),
                 report: None,
             };
-            run(&arguments.cell, ["run.serve=true".to_owned()], results, false)
+            let cell = arguments.cell.uncalibrated(arguments.uncalibrated);
+            run(&cell, ["run.serve=true".to_owned()], results, false)
         }
         Some(Command::Do(arguments)) => do_program::do_program(&arguments.program, &arguments.instance),
         Some(Command::Ctl(arguments)) => ctl::ctl(&arguments),
@@ -227,7 +229,8 @@ fn run_command(arguments: &RunArguments) -> Result<u8, ProcessError> {
     let report = arguments.report.as_deref().map(|folder| (folder, repeat::of_run(arguments)));
     let (summary, recording) = (arguments.summary.as_deref(), arguments.record.as_deref());
     let results = Results { summary, recording, report };
-    run(&arguments.cell, duration.into_iter().chain(strict), results, !arguments.anyway)
+    let cell = arguments.cell.uncalibrated(arguments.uncalibrated);
+    run(&cell, duration.into_iter().chain(strict), results, !arguments.anyway)
 }
 
 /// Where the results of a run go, beside stdout.

@@ -15,7 +15,7 @@ use crate::scene::Exposure;
 use crate::servo::SetPoint;
 use crate::source::{AnySource, Filled, Position, encode_png, load_image, open};
 use crate::time::{MonoNs, SpanNs, TICK};
-use crate::vision::{Frame, Prior, Vision};
+use crate::vision::{Frame, Prior, Vision, VisionSettings};
 use image::ExtendedColorType;
 use nalgebra::Vector2;
 use std::time::Duration;
@@ -24,6 +24,8 @@ use std::time::Duration;
 const FIRST_FRAME: SpanNs = SpanNs(5_000_000_000);
 /// Time in which automatic exposure settles. Chosen by hand, as for `vservo camera --probe`.
 const WARM_UP: SpanNs = SpanNs(500_000_000);
+/// Standard deviation of points that fit no pose because lens and target are not known, px: that of `vservo run --uncalibrated`.
+const UNKNOWN_SD_PX: f64 = 10.0;
 /// Images that show no target, in a row, after which it is given up.
 const MAX_WITHOUT: u32 = 100;
 
@@ -33,6 +35,9 @@ pub(super) fn teach(arguments: &TeachArguments) -> Result<u8, ProcessError> {
     let stop = StopFlag::on_signals()?;
     let mut config = Config::load(arguments.config.as_deref(), &arguments.set)?;
     config.task = Task::Servo;
+    if arguments.uncalibrated {
+        config.vision = VisionSettings { model_sd_px: UNKNOWN_SD_PX, lens_is_known: false, ..config.vision };
+    }
     check_writable(&arguments.out)?;
     let image = arguments.out.with_extension("png");
     check_writable(&image)?;

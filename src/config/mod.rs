@@ -13,6 +13,7 @@ pub mod assemble;
 mod camera;
 mod check;
 mod draft;
+mod estimation;
 mod frame_source;
 mod gains;
 mod goal_file;
@@ -37,6 +38,7 @@ mod wait_for;
 
 pub use camera::Camera;
 pub use draft::Draft;
+pub use estimation::UNCALIBRATED;
 pub use frame_source::{CameraProgram, Source, Timing};
 pub use goal_file::{GoalFeature, GoalFile, GoalPose};
 pub use problem::{ConfigError, Problem};

@@ -2,6 +2,7 @@
 
 use super::Camera;
 use super::check::Validation;
+use super::estimation::{estimation, is_asked_for};
 use super::gains::{GAIN_1_S, law};
 use super::goal_path::path;
 use super::raw::{Depth, DriveKind, Gains, RawConfig, RawServo, SceneMotionKind, SchemeKind, SetPointKind};
@@ -37,7 +38,7 @@ pub(super) fn servo(
     let law = law(s, selection.as_ref().map(Selection::numbers), check);
     features_in_view(s, check);
     if !target.is_flat() {
-        in_space(s, selection.as_ref(), check);
+        in_space(raw, selection.as_ref(), check);
     }
     let set_point = match s.set_point.kind {
         SetPointKind::Pose | SetPointKind::Taught => SetPoint::from_pose(X_DO, &points),
@@ -49,7 +50,8 @@ pub(super) fn servo(
                 return None;
             }
             let found = SetPoint::from_features(&s_d, &points, s.constant_depth_m);
-            if found.as_ref().is_none_or(|found| found.X_DO().is_none()) {
+            let needs_pose = !is_asked_for(raw);
+            if found.as_ref().is_none_or(|found| needs_pose && found.X_DO().is_none()) {
                 check.wrong(
                     "servo.set_point.features",
                     "no pose of the target looks like this: check the order",
@@ -80,6 +82,7 @@ pub(super) fn servo(
     let object = object(s, check);
     let visibility = visibility(s, target, camera, check);
     let path = path(raw, X_DO, check);
+    let estimation = estimation(raw, camera, selection.as_ref(), check);
     let calm = check.range("servo.gain_at_goal_1_s", s.gain_at_goal_1_s, GAIN_1_S);
     if check.count_problems() > before {
         return None;
@@ -94,6 +97,7 @@ pub(super) fn servo(
         visibility,
         object,
         path,
+        estimation,
         held_lag: SpanNs::from_s(camera.latency.as_s() + HELD_FOR / camera.rate_hz),
         ..ServoSettings::new(law, s.update, camera.mount)
     };
@@ -101,7 +105,8 @@ pub(super) fn servo(
 }
 
 /// What takes a target in one plane, of a target with points in space.
-fn in_space(s: &RawServo, selection: Option<&Selection>, check: &mut Validation<'_>) {
+fn in_space(raw: &RawConfig, selection: Option<&Selection>, check: &mut Validation<'_>) {
+    let s = &raw.servo;
     const FLAT: &str = "needs a target whose points lie in one plane, not target.kind = \"points\"";
     if s.scheme == SchemeKind::Hybrid {
         check.wrong("servo.scheme", format!("`hybrid` goes by the homography of a plane, and {FLAT}"));
@@ -111,7 +116,7 @@ fn in_space(s: &RawServo, selection: Option<&Selection>, check: &mut Validation<
     if selection.is_some_and(Selection::needs_outline) {
         check.wrong("servo.area", FLAT);
     }
-    if s.set_point.kind == SetPointKind::Features {
+    if s.set_point.kind == SetPointKind::Features && !is_asked_for(raw) {
         check.wrong("servo.set_point.kind", format!("`features` {FLAT}; use `pose` or `taught`"));
     }
 }

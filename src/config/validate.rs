@@ -8,6 +8,7 @@ mod start;
 mod truth;
 
 use super::check::Validation;
+use super::estimation::is_asked_for;
 use super::raw::{
     Carrier, Clock, DriveKind, MountKind, RawConfig, RealtimePolicy, SceneMotionKind, SchemeKind,
     SetPointKind, Task,
@@ -134,6 +135,7 @@ pub(super) fn validate(
         track: raw.vision.track,
         model_sd_px: check.range("vision.model_sd_px", raw.vision.model_sd_px, 0.0..=10.0),
         pose: raw.vision.pose,
+        lens_is_known: !is_asked_for(&raw),
         response: camera.as_ref().map(|camera| camera.response).unwrap_or_default(),
         ..VisionSettings::default()
     };
@@ -174,7 +176,9 @@ pub(super) fn validate(
     let arm_is_good = check.count_problems() == before_arm;
     let scene = truth::scene(&raw, (camera.as_ref(), target.as_ref(), robot.as_ref()), scene_motion, check);
     if let (Some(target), Some(camera), false) = (&target, &camera, check.misses_a_pose()) {
-        if let Some(hidden) = start::hidden(target, &camera.model, &X_DO).filter(|_| views) {
+        // A learnt Jacobian goes by a taught view alone.
+        let taught = is_asked_for(&raw);
+        if let Some(hidden) = start::hidden(target, &camera.model, &X_DO).filter(|_| views && !taught) {
             let message = format!(
                 "point {} would lie {} in the desired view{}",
                 hidden.point, hidden.why, hidden.how_far

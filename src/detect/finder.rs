@@ -59,6 +59,15 @@ impl Finder {
         }
     }
 
+    /// The same for a lens that is not known: four dots may look less like a square; other targets are detected as before.
+    #[must_use]
+    pub fn for_unknown_lens(self) -> Self {
+        match self {
+            Self::Dots(finder) => Self::Dots(finder.for_unknown_lens()),
+            other => other,
+        }
+    }
+
     /// Searches the whole frame: fills `found` with the detected points, ids rising.
     ///
     /// # Errors

@@ -161,7 +161,7 @@ impl Visitor for Equations {
         let p = match self.interaction.at {
             InteractionAt::Current => now.point(i)?,
             InteractionAt::Desired => goal.point(i)?,
-            InteractionAt::Mean => {
+            InteractionAt::Mean | InteractionAt::Estimated => {
                 let L = mean(&now.point(i)?, &goal.point(i)?)?;
                 self.equations.add_rows(&L, &e, weight);
                 return Some(());
@@ -308,7 +308,7 @@ impl Interaction {
         match self.at {
             InteractionAt::Current => now.interaction(),
             InteractionAt::Desired => goal.interaction(),
-            InteractionAt::Mean => mean(now, goal),
+            InteractionAt::Mean | InteractionAt::Estimated => mean(now, goal),
         }
     }
 }

@@ -54,6 +54,8 @@ pub enum InteractionAt {
     Desired,
     /// The mean of the matrices at current and desired features.
     Mean,
+    /// None that is computed: the image Jacobian is learnt from the arm's motion. Where a matrix is asked for all the same, it is the mean.
+    Estimated,
 }
 
 /// Choice of the interaction matrix.

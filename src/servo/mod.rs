@@ -59,7 +59,10 @@ mod goal_path;
 mod hybrid;
 mod image;
 mod interaction;
+mod jacobian_estimator;
+mod jacobian_learner;
 mod law;
+mod learning_motion;
 mod measurement_verdict;
 mod null_space;
 mod object_motion;
@@ -89,6 +92,8 @@ pub use image::{
     preconditioned_wrench, weighted_rows,
 };
 pub use interaction::{DepthRow, DepthSource, Interaction, InteractionAt};
+pub use jacobian_estimator::{CautiousTask, Innovation, JacobianEstimator};
+pub use jacobian_learner::EstimationSettings;
 pub use law::{Arm, Damping, Law, LawOutput, NoTask, Task};
 pub use measurement_verdict::MeasurementVerdict;
 pub use null_space::{away_from_limits, seek_null_motion};

@@ -1,6 +1,6 @@
 //! Settings of visual servoing that are fixed for a run. What changes during a run, the set-point and the share of the gain, is not part of them.
 
-use super::{GoalPath, Law, ObjectDynamics, VisibilityGuard};
+use super::{EstimationSettings, GoalPath, Law, ObjectDynamics, VisibilityGuard};
 use crate::geometry::Pose;
 use crate::robot::Mount;
 use crate::time::SpanNs;
@@ -51,6 +51,8 @@ pub struct ServoSettings {
     pub watches_drift: bool,
     /// Lag of the drive: by how much later the arm follows its commands. `predict` predicts the view that far ahead.
     pub lead: SpanNs,
+    /// The image Jacobian is learnt from the arm's motion, and neither lens, mount, target nor pose is used; `None` for one that is computed from them.
+    pub estimation: Option<EstimationSettings>,
 }
 
 impl ServoSettings {
@@ -72,6 +74,7 @@ impl ServoSettings {
             returns: false,
             watches_drift: false,
             lead: SpanNs::ZERO,
+            estimation: None,
         }
     }
 }

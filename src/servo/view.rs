@@ -75,6 +75,12 @@ impl View {
         (seen > 0).then_some(view)
     }
 
+    /// The same view without a pose, which a description that is not trusted gives.
+    #[must_use]
+    pub fn without_pose(self) -> Self {
+        Self { X_CO: None, ..self }
+    }
+
     /// Whether the pose, where there is one, and its `covariance` are possible for the visible features: a valid rotation, finite variances, and no
     /// visible point behind the camera or more than a kilometre away.
     #[must_use]
@@ -120,6 +126,20 @@ impl View {
     #[inline(always)]
     pub fn feature(&self, i: usize) -> Option<&Vector2<f64>> {
         self.s.get(i).filter(|s| is_there(s))
+    }
+
+    /// The features that are not hidden, with their index.
+    pub fn seen(&self) -> impl Iterator<Item = (usize, Vector2<f64>)> + '_ {
+        (0..self.count).filter_map(|i| self.feature(i).map(|s| (i, *s)))
+    }
+
+    /// The same view with its features where `place` has them, by index; `None` where it has none for one that is not hidden.
+    #[must_use]
+    pub(super) fn moved(mut self, place: impl Fn(usize) -> Option<Vector2<f64>>) -> Option<Self> {
+        for (i, s) in self.s.iter_mut().take(self.count).enumerate().filter(|(_, s)| is_there(s)) {
+            *s = place(i).filter(|s| s.x.is_finite() && s.y.is_finite())?;
+        }
+        Some(self)
     }
 
     /// Whether some features are hidden.

@@ -90,7 +90,7 @@ impl VisibilityGuard {
     ) -> LawOutput<N> {
         let held = match (law_output, task) {
             (LawOutput::Velocity(qd), _) => self
-                .held_back(set_point, view, arm, &self.within_reach(&qd, arm), 0.0)
+                .held_back(|| self.bounds(set_point, view), arm, &self.within_reach(&qd, arm), 0.0)
                 .map(LawOutput::Velocity),
             (LawOutput::Torque(tau), Task::Wrench(task)) => {
                 self.held_torque(set_point, view, task, joint_damping, arm, &tau).map(LawOutput::Torque)
@@ -117,23 +117,41 @@ impl VisibilityGuard {
         let largest = damping.diagonal().max();
         let factors = Ldlt::new(&damping.data.0, &[DAMPING * largest; N])?;
         let qd = SVector::from(factors.solve(&J.tr_mul(&task.wrench).into()));
-        let held = self.held_back(set_point, view, arm, &qd, BRAKING)?;
+        let held = self.held_back(|| self.bounds(set_point, view), arm, &qd, BRAKING)?;
         Some(tau + damping * (held - qd))
+    }
+
+    /// The joint velocity nearest to `qd` with which no point leaves the image whose derivative by the camera's twist is learnt: its `rows` in normalized
+    /// coordinates, by its index.
+    #[must_use]
+    pub(super) fn hold_learnt<'a, const N: usize>(
+        &'a self,
+        (set_point, view): (&'a SetPoint, &'a View),
+        rows: impl Fn(usize) -> Option<Matrix2x6<f64>> + Copy + 'a,
+        arm: &Arm<N>,
+        qd: SVector<f64, N>,
+    ) -> SVector<f64, N> {
+        let bounds = move || {
+            self.bounds(set_point, view).zip(view.seen()).filter_map(move |(bound, (i, s))| {
+                let rows = self.camera.pixel_jacobian(&s) * rows(i)?;
+                Some(Bound { rows, growth: RowVector6::zeros(), ..bound })
+            })
+        };
+        let held = self.held_back(bounds, arm, &self.within_reach(&qd, arm), 0.0);
+        held.filter(|qd| qd.iter().all(|x| x.is_finite())).unwrap_or(qd)
     }
 
     /// The joint velocity nearest to `qd` that fulfils all constraints; `None` where `qd` does. `braking`: by how much below its limit the speed
     /// of a feature is set for each px/s by which it exceeds the limit now.
-    fn held_back<const N: usize>(
+    fn held_back<const N: usize, Bounds: Iterator<Item = Bound>>(
         &self,
-        set_point: &SetPoint,
-        view: &View,
+        bounds: impl Fn() -> Bounds,
         arm: &Arm<N>,
         qd: &SVector<f64, N>,
         braking: f64,
     ) -> Option<SVector<f64, N>> {
         let wanted = arm.J.matrix() * qd;
         let now = arm.J.matrix() * arm.qd;
-        let bounds = || self.bounds(set_point, view);
         if bounds().all(|bound| bound.admits(&wanted, self, &now, braking)) {
             return None;
         }
@@ -178,8 +196,7 @@ impl VisibilityGuard {
 
     /// The constraints of the visible features.
     fn bounds<'a>(&'a self, set_point: &'a SetPoint, view: &'a View) -> impl Iterator<Item = Bound> + 'a {
-        let seen = (0..view.features().len()).filter_map(|i| view.feature(i).map(|s| (i, *s)));
-        seen.filter_map(move |(i, s)| {
+        view.seen().filter_map(move |(i, s)| {
             let (s_d, z_d_m) = (set_point.features().get(i)?, *set_point.depths_m().get(i)?);
             let z_m = view.depth_m(set_point.points().get(i)?, z_d_m);
             let rows = self.camera.pixel_jacobian(&s) * point_rows(&s, z_m);

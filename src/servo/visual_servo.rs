@@ -6,22 +6,23 @@
 //! latency; the motion of a moving object is estimated, where [`ServoSettings::object`] asks for it.
 
 mod covariance;
+mod estimated;
 mod feed_forward;
 mod hidden_features;
+mod law_answer;
 mod pace;
 
+use super::jacobian_learner::JacobianLearner;
 use super::unobserved_motion::{LONGEST_SPAN, unobserved_motion};
 use super::{
     Arm, Convergence, DepthRow, LawOutput, MeasurementVerdict, MovingGoal, ObjectMotion, ServoSettings,
-    SetPoint, Task, TwistTask, UnobservedMotion, UpdatePolicy, View, away_from_limits, joint_velocity,
-    seek_null_motion,
+    SetPoint, Task, TwistTask, UnobservedMotion, UpdatePolicy, View, joint_velocity,
 };
 use crate::geometry::Pose;
 use crate::messages::{Measurement, TargetStatus};
 use crate::robot::{CameraJacobian, JointHistory, Robot};
 use crate::time::{MonoNs, SpanNs};
 use covariance::{covariance_in, stated_covariance};
-use feed_forward::{follow, follow_twist};
 use nalgebra::{Matrix6, SVector, Vector6};
 
 /// How far an exposure stamp may lie in the future, since some drivers stamp the planned end of a frame: a period of 20 Hz. Half and twice of it
@@ -91,6 +92,8 @@ pub struct VisualServo<const N: usize> {
     drift: Option<UnobservedMotion<N>>,
     /// Share of each gain that resolved velocities have; less for an arm that swings about its goal.
     gain_share: f64,
+    /// The image Jacobian that is learnt, where the law goes by none that is computed.
+    learner: Option<Box<JacobianLearner<N>>>,
 }
 
 impl<const N: usize> VisualServo<N> {
@@ -98,6 +101,8 @@ impl<const N: usize> VisualServo<N> {
     #[must_use]
     pub fn new(settings: ServoSettings, goal: SetPoint) -> Self {
         let object = settings.object.map(ObjectMotion::new);
+        let points = goal.points().len();
+        let learner = settings.estimation.map(|of| Box::new(JacobianLearner::new(of, points)));
         Self {
             settings,
             goal,
@@ -114,6 +119,7 @@ impl<const N: usize> VisualServo<N> {
             path_began: None,
             drift: None,
             gain_share: 1.0,
+            learner,
         }
     }
 
@@ -132,6 +138,9 @@ impl<const N: usize> VisualServo<N> {
     /// Changes the set-point to `goal`, which stays where it is; measurements that were already taken are used for it too.
     pub fn set_goal(&mut self, goal: SetPoint) {
         (self.follows_path, self.path_began) = (false, None);
+        if let Some(learner) = &mut self.learner {
+            learner.begin_anew(goal.ids() != self.goal.ids());
+        }
         self.goal = goal;
         self.held = None;
         self.last = self.last.and_then(|last| {
@@ -149,7 +158,7 @@ impl<const N: usize> VisualServo<N> {
     /// Halves the gain of resolved velocities from now on, so that an arm that differs from its model oscillates less. Returns whether it was
     /// reduced; the feed-forward for a moving object is not, and laws that output torques have no such gain.
     pub fn reduce_gain(&mut self) -> bool {
-        let has_pace = self.object.is_none() && !self.settings.law.is_torque();
+        let has_pace = self.object.is_none() && !self.settings.law.is_torque() && self.learner.is_none();
         let reduced = has_pace && self.gain_share > MIN_SHARE;
         if reduced {
             self.gain_share *= 0.5;
@@ -165,6 +174,9 @@ impl<const N: usize> VisualServo<N> {
     /// The next law output starts smoothly again, as the first one did; after a stop or a hold.
     pub fn restart(&mut self) {
         self.start = None;
+        if let Some(learner) = &mut self.learner {
+            learner.interrupt();
+        }
     }
 
     /// Adds a joint state (rad or m, rad/s or m/s) to the history; called at every tick, before anything else.
@@ -197,6 +209,7 @@ impl<const N: usize> VisualServo<N> {
                 MeasurementVerdict::NoTarget
             };
         };
+        let seen = if self.learner.is_some() { seen.without_pose() } else { seen };
         if !seen.is_possible(set_point, &stated_covariance(measurement)) {
             return MeasurementVerdict::ImpossiblePose;
         }
@@ -213,6 +226,9 @@ impl<const N: usize> VisualServo<N> {
             return MeasurementVerdict::TooOld;
         };
         let X_WC = self.settings.mount.X_WC(&robot.forward(&q));
+        if self.learner.is_some() {
+            return self.learn_from((now, measurement), seen, (&q, &X_WC));
+        }
         let partial = seen.is_partial();
         let by_motion = if partial && seen.X_CO().is_none() {
             self.completed_by_motion(&seen, exposure, &X_WC)
@@ -280,6 +296,9 @@ impl<const N: usize> VisualServo<N> {
         qd: &SVector<f64, N>,
         robot: &Robot<N>,
     ) -> Option<LawOutput<N>> {
+        if self.learner.is_some() {
+            return self.learnt_output((q, qd), robot).filter(LawOutput::is_finite);
+        }
         let motion = self.move_goal();
         let last = self.last.as_ref()?;
         let fresh = std::mem::take(&mut self.fresh);
@@ -321,7 +340,7 @@ impl<const N: usize> VisualServo<N> {
     /// exposure. `None` where [`law_output`](Self::law_output) has none, and for a torque law.
     #[must_use]
     pub fn camera_law_output(&self) -> Option<Vector6<f64>> {
-        let last = self.last.as_ref()?;
+        let last = self.last.as_ref().filter(|_| self.learner.is_none())?;
         let J = CameraJacobian::of_moving_camera(Matrix6::identity());
         let camera = Arm { J, qd: Vector6::zeros(), gravity: Vector6::zeros() };
         match self.settings.answer(self.pursuit(), (&last.view, &last.task), &camera, None)?.law_output {
@@ -349,92 +368,6 @@ impl<const N: usize> VisualServo<N> {
         };
         let (since, first) = *self.start.get_or_insert((now, qd));
         LawOutput::Velocity(qd - first * (-rate_1_s * (now - since).as_s()).exp())
-    }
-}
-
-impl ServoSettings {
-    fn law_output<const N: usize>(
-        &self,
-        pursuit: ServoGoal<'_>,
-        last: &LastMeasurement,
-        object: Option<(&ObjectMotion, MonoNs)>,
-        (q, qd): (&SVector<f64, N>, &SVector<f64, N>),
-        robot: &Robot<N>,
-    ) -> Option<LawAnswer<N>> {
-        let (X_WC, J) = self.mount.camera(robot, q);
-        let arm = Arm {
-            J,
-            qd: *qd,
-            gravity: if self.law.is_torque() { robot.gravity(q) } else { SVector::zeros() },
-        };
-        let secondary = self.limit_avoidance_1_s.map(|gain| away_from_limits(q, robot.limits(), gain));
-        if self.update != UpdatePolicy::Predict {
-            return self.answer(pursuit, (&last.view, &last.task), &arm, secondary.as_ref());
-        }
-        // With a first-order lag T the arm, told to stand, would come to rest in q + T qd: the error there is what can
-        // still be acted upon, and the lag drops out of the loop.
-        let X_WC = if self.lead == SpanNs::ZERO {
-            X_WC
-        } else {
-            self.mount.X_WC(&robot.forward(&(q + qd * self.lead.as_s())))
-        };
-        let object = object.map(|(object, now)| (object, now + self.lead));
-        let moved = object.map(|(object, then)| object.displacement(last.exposure, then));
-        let X_WC_then = moved.map_or(last.X_WC, |moved| moved * last.X_WC);
-        let view = last.view.predicted_at(&X_WC.inv_mul(&X_WC_then), pursuit.goal)?;
-        let task = self.law.task(pursuit.goal, &view).ok()?;
-        let mut answer = self.answer(pursuit, (&view, &task), &arm, secondary.as_ref())?;
-        if let (LawOutput::Velocity(qd), Some((object, then))) = (&mut answer.law_output, object) {
-            answer.convergence.feed_forward = follow(object, then, &X_WC, &J);
-            *qd += answer.convergence.feed_forward;
-        }
-        if let (LawOutput::Velocity(qd), Some(moving)) = (&mut answer.law_output, &pursuit.motion) {
-            let along = follow_twist(&moving.twist_of_camera(view.X_CO().unwrap_or(&moving.X_DO)), &J);
-            answer.convergence.feed_forward += along;
-            *qd += along;
-        }
-        Some(answer)
-    }
-
-    /// The law output with the null-space part of the `secondary` motion, modified so that the target stays in the image.
-    fn answer<const N: usize>(
-        &self,
-        pursuit: ServoGoal<'_>,
-        (view, task): (&View, &Task),
-        arm: &Arm<N>,
-        secondary: Option<&SVector<f64, N>>,
-    ) -> Option<LawAnswer<N>> {
-        let mut law_output = self.law.output(task, arm)?;
-        let mut rate_1_s = self.law.rate_1_s(task);
-        if let LawOutput::Velocity(qd) = &mut law_output
-            && self.object.is_none()
-        {
-            let share = self.gain_at(pursuit, rate_1_s, view);
-            *qd *= share;
-            rate_1_s *= share;
-        }
-        if let (LawOutput::Velocity(qd), UpdatePolicy::Predict) = (&mut law_output, self.update) {
-            let factor = pace::as_quick_as_held(rate_1_s * self.held_lag.as_s());
-            *qd *= factor;
-            rate_1_s *= factor;
-        }
-        let mut convergence = Convergence::at(rate_1_s);
-        if let LawOutput::Velocity(qd) = &law_output {
-            convergence.remaining = qd / rate_1_s;
-        }
-        let law_output = match &self.visibility {
-            Some(guard) => guard.hold(pursuit.goal, view, (task, &self.law.joint_damping()), arm, law_output),
-            None => law_output,
-        };
-        let mut answer = LawAnswer { law_output, convergence };
-        if let (LawOutput::Velocity(qd), Task::Twist(task), Some(wanted)) =
-            (&mut answer.law_output, task, secondary)
-            && let Some(free) = seek_null_motion(task, &arm.J, wanted)
-        {
-            answer.convergence.null_space = free;
-            *qd += free;
-        }
-        Some(answer)
     }
 }
 

@@ -106,6 +106,8 @@ pub struct VisionSettings {
     pub model_sd_px: f64,
     /// Which way the pose is found. Whether one pose explains the dots at all is judged by the one of least reprojection error, whichever is told.
     pub pose: PoseApproach,
+    /// Whether the lens is known, at least coarsely: then what is far from a view of a square is none of four dots.
+    pub lens_is_known: bool,
     /// The camera's response, for which images were made linear as far as it is known.
     pub response: Response,
 }
@@ -118,6 +120,7 @@ impl Default for VisionSettings {
             ambiguity_sds: 3.0,
             model_sd_px: 0.0,
             pose: PoseApproach::Both,
+            lens_is_known: true,
             response: Response::Linear,
         }
     }
@@ -176,8 +179,9 @@ impl Vision {
         let target = target.into();
         let count = target.points().len();
         let estimate = || FrameEstimate::with_room_for(count);
+        let finder = Finder::new(camera, &target).for_response(&settings.response);
         Self {
-            finder: Finder::new(camera, &target).for_response(&settings.response),
+            finder: if settings.lens_is_known { finder } else { finder.for_unknown_lens() },
             tracked: estimate(),
             searched: estimate(),
             last: None,

@@ -51,5 +51,6 @@ mod textbook_errata;
 mod three_points;
 mod trusted;
 mod truth;
+mod uncalibrated;
 mod untold_friction;
 mod untold_rotors;

@@ -23,6 +23,7 @@ const SETTINGS: VisionSettings = VisionSettings {
     slack_px: 3.0,
     ambiguity_sds: 3.0,
     pose: vservo::vision::PoseApproach::Both,
+    lens_is_known: true,
     response: Response::Linear,
 };
 

@@ -52,6 +52,35 @@ fn a_coarse_description_suffices_for_a_taught_goal() {
     }
 }
 
+/// A camera turned by 100 degrees on the flange, with half the focal length and a larger target: to the view that was taught there.
+#[test]
+fn an_uncalibrated_run_comes_to_its_taught_goal() {
+    let folder = tempfile::tempdir().unwrap();
+    let goal = folder.path().join("goal.toml");
+    let mut cell = lens(450.0, 350.0, 215.0, -0.05);
+    cell.push("scene.camera.mount.rotation_rpy_deg=[4.0, -6.0, 100.0]".into());
+    cell.push("scene.target.scale=1.4".into());
+    let mut values = cell.clone();
+    values.push("robot.q_start_rad_or_m=[-0.02041,-1.60918,1.95122,-1.91285,-1.57077,-0.02044]".into());
+    let teach = ["teach", "ur5", "--uncalibrated", "--out"];
+    let taught = vservo().args(teach).arg(&goal).args(sets(&values)).output().unwrap();
+    assert!(taught.status.success(), "{}", String::from_utf8_lossy(&taught.stderr));
+    cell.push("robot.q_start_rad_or_m=[0.1,-1.65,1.9,-1.85,-1.65,0.1]".into());
+    // a goal that no camera can see without its lens
+    let refused =
+        vservo().args(["run", "ur5", "--uncalibrated"]).args(sets(&cell)).output().expect("vservo runs");
+    let words = String::from_utf8_lossy(&refused.stderr);
+    assert_eq!(refused.status.code(), Some(3), "{words}");
+    assert!(words.contains("servo.set_point.kind") && words.contains("vservo teach"), "{words}");
+    cell.push(format!("servo.set_point.file={}", goal.display()));
+    let mut args = vec!["ur5", "--uncalibrated", "--clock", "lockstep"];
+    args.extend(sets(&cell));
+    let summary = run("uncalibrated", &args).summary;
+    assert_eq!(summary["outcome"], "converged", "{summary}");
+    let error_px = summary["final"]["believed"]["feature_error_px"].as_f64().unwrap();
+    assert!(error_px < 0.1, "{}", summary["final"]);
+}
+
 /// What the run tells of the lens is true within its deviation, for four dots and a board.
 #[test]
 fn a_run_tells_which_lens_fits() {

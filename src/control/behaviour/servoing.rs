@@ -60,6 +60,8 @@ impl Servoing {
     ) -> MotionCommand<N> {
         match (servo.law_output(&state.q, &state.qd, robot), servo.convergence()) {
             (Some(LawOutput::Velocity(qd)), _) if self.dry => MotionCommand::Look(qd),
+            // A motion of which the law learns leads to no goal.
+            (Some(LawOutput::Velocity(qd)), None) => MotionCommand::Joints(qd),
             (Some(LawOutput::Velocity(qd)), Some(convergence)) => MotionCommand::Velocity(qd, *convergence),
             (Some(LawOutput::Torque(tau)), _) if !self.dry => MotionCommand::Torque(tau),
             // At a singularity of the task or of the arm there may be no law output.

@@ -153,6 +153,16 @@ impl DotFinder {
         Self::with(camera, DotPattern::Any, Box::default(), count, 0, meter, light_on_dark)
     }
 
+    /// The same for a lens that is not known: a square may look less like one.
+    #[must_use]
+    pub fn for_unknown_lens(self) -> Self {
+        let pattern = match self.pattern {
+            DotPattern::FourDots(square) => DotPattern::FourDots(Box::new(square.for_unknown_lens())),
+            other => other,
+        };
+        Self { pattern, ..self }
+    }
+
     fn with(
         camera: CameraModel,
         pattern: DotPattern,

@@ -8,7 +8,7 @@
 use super::blob::Blob;
 use super::offset::disc_moments;
 use super::turns::Turns;
-use super::unit_square::UnitSquare;
+use super::unit_square::{ORTHOGONALITY, ORTHOGONALITY_OF_UNKNOWN_LENS, UnitSquare};
 use crate::camera_model::CameraModel;
 use crate::messages::TargetStatus;
 use crate::target::FourDots;
@@ -66,6 +66,8 @@ pub(super) struct Square {
     mirrored: Option<[f64; 4]>,
     /// By how much the error of the second-best order must be larger.
     margin: f64,
+    /// By how much a view of the square may differ from one.
+    orthogonality: f64,
     seen: Vec<DotCandidate>,
     turns: Turns,
 }
@@ -85,9 +87,15 @@ impl Square {
             log_radii2: logs(radii),
             mirrored: chiral.then(|| logs([first, fourth, third, second])),
             margin,
+            orthogonality: ORTHOGONALITY,
             seen: Vec::with_capacity(MAX_CANDIDATES),
             turns: Turns::with_limit(MAX_CANDIDATES),
         }
+    }
+
+    /// The same where the lens is not known.
+    pub(super) fn for_unknown_lens(self) -> Self {
+        Self { orthogonality: ORTHOGONALITY_OF_UNKNOWN_LENS, ..self }
     }
 
     /// The four regions that are the target, with their ids: the best of all choices of four candidates.
@@ -207,7 +215,8 @@ impl Square {
 
     /// The view of the square with these regions as corners; `None` when they are no image of a square.
     fn view(&self, seen: &[&DotCandidate; 4]) -> Option<SquareView> {
-        let H = UnitSquare::to(&seen.map(|seen| seen.s)).filter(UnitSquare::is_view_of_a_square)?;
+        let H = UnitSquare::to(&seen.map(|seen| seen.s));
+        let H = H.filter(|H| H.is_view_of_a_square(self.orthogonality))?;
         let mut view = SquareView { covariances: [[0.0; 3]; 4], areas: [0.0; 4], logs: [0.0; 4] };
         let corners = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)];
         let dots = view.covariances.iter_mut().zip(&mut view.areas).zip(&mut view.logs);

@@ -4,7 +4,10 @@ use nalgebra::{Matrix2, Vector2};
 
 /// Greatest difference from orthogonal columns of equal length: cosine, and half the logarithm of their squares' ratio. Chosen by hand: centres of
 /// small tilted dots and an inaccurate lens model leave some tenths; most accidental quadrilaterals are further off.
-const ORTHOGONALITY: f64 = 0.35;
+pub(super) const ORTHOGONALITY: f64 = 0.35;
+/// The same where the lens is not known. Derived: half or twice the focal length makes the squares' ratio up to 3.3 for a target that is tilted by 60 degrees, which
+/// is half a logarithm of 0.6.
+pub(super) const ORTHOGONALITY_OF_UNKNOWN_LENS: f64 = 0.7;
 
 /// Homography of the unit square (0,0), (1,0), (1,1), (0,1) to a convex quadrilateral:
 /// `x = (a u + b v + c) / w`, `y = (d u + e v + f) / w`, `w = g u + h v + 1`.
@@ -37,15 +40,15 @@ impl UnitSquare {
         })
     }
 
-    /// Of `[r1 r2 p]` the first two columns are orthogonal and of equal length.
-    pub(super) fn is_view_of_a_square(&self) -> bool {
+    /// Of `[r1 r2 p]` the first two columns are orthogonal and of equal length, as far as `orthogonality` goes ([`ORTHOGONALITY`]).
+    pub(super) fn is_view_of_a_square(&self, orthogonality: f64) -> bool {
         let (n1, n2) = (
             self.a * self.a + self.d * self.d + self.g * self.g,
             self.b * self.b + self.e * self.e + self.h * self.h,
         );
         let dot = self.a * self.b + self.d * self.e + self.g * self.h;
-        let longest = (2.0 * ORTHOGONALITY).exp();
-        dot * dot < ORTHOGONALITY * ORTHOGONALITY * n1 * n2 && n1 < longest * n2 && n2 < longest * n1
+        let longest = (2.0 * orthogonality).exp();
+        dot * dot < orthogonality * orthogonality * n1 * n2 && n1 < longest * n2 && n2 < longest * n1
     }
 
     /// Derivative of the image point `s` by the unit square's coordinates, at a corner.

@@ -24,15 +24,17 @@ impl ServoSettings {
     /// goal, where the error of `view` is about a pixel, the rate falls towards `gain_at_goal_1_s`.
     pub(super) fn gain_at(&self, pursuit: ServoGoal<'_>, rate_1_s: f64, view: &View) -> f64 {
         let slower = if rate_1_s > SLOW_1_S { pursuit.gain_share.max(SLOW_1_S / rate_1_s) } else { 1.0 };
-        slower * self.reduced_near_goal(pursuit, rate_1_s * slower, view)
+        let error = || pursuit.goal.error_rms_px(view, &Vector2::repeat(1.0));
+        slower * self.reduced_near_goal(pursuit.gain_share, rate_1_s * slower, error)
     }
 
-    fn reduced_near_goal(&self, pursuit: ServoGoal<'_>, rate_1_s: f64, view: &View) -> f64 {
-        let at_goal_1_s = self.gain_at_goal_1_s * pursuit.gain_share;
+    /// The same near a goal from which the features are `error` away, root mean square, normalized.
+    pub(super) fn reduced_near_goal(&self, gain_share: f64, rate_1_s: f64, error: impl Fn() -> f64) -> f64 {
+        let at_goal_1_s = self.gain_at_goal_1_s * gain_share;
         if !(rate_1_s > at_goal_1_s) {
             return 1.0;
         }
-        let error = pursuit.goal.error_rms_px(view, &Vector2::repeat(1.0));
+        let error = error();
         let far = error * error / (error * error + GAIN_AT_GOAL_ERROR * GAIN_AT_GOAL_ERROR);
         // Without an error the gain is not reduced.
         let far = if far.is_nan() { 1.0 } else { far };

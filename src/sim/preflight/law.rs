@@ -14,6 +14,9 @@ pub(super) fn depth(config: &Config) -> Option<String> {
         | Law::PreconditionedTorque { interaction, .. } => {
             let only_at_goal = interaction.at == InteractionAt::Desired;
             Some(match interaction.depth {
+                _ if interaction.at == InteractionAt::Estimated => {
+                    "the image Jacobian is learnt from the arm's motion, without depths".into()
+                }
                 DepthSource::Constant(z_m) => format!("L_s takes {z_m} m for the depth of every feature"),
                 _ if only_at_goal => {
                     "L_s is that of the desired features, with the depths of the desired pose".into()

@@ -119,7 +119,7 @@ impl Preflight {
         let taught = config.goal.is_taught;
         let X_WO = config.X_WO();
         let X_DO = match config.task {
-            Task::Servo if !taught => config.set_point.X_DO().copied(),
+            Task::Servo if !taught && config.servo.estimation.is_none() => config.set_point.X_DO().copied(),
             _ => None,
         };
         let goal = X_DO.map(|X_DO| {
@@ -223,6 +223,8 @@ fn unasked(config: &Config) -> Option<&'static str> {
         Some("no arm moves in this run")
     } else if config.goal.is_taught {
         Some("the goal is what the camera sees at the start")
+    } else if config.servo.estimation.is_some() {
+        Some("the image Jacobian is learnt: which posture shows the goal is not known")
     } else if config.scene.is_none() {
         Some("where the object lies is known when the camera sees it")
     } else {

@@ -32,8 +32,8 @@ pub(super) fn stability<const N: usize>(
     q_start: &SVector<f64, N>,
     q_goal: Option<&SVector<f64, N>>,
 ) -> Result<Option<Stability>, RobotError> {
-    let (Law::ImageVelocity { interaction, .. }, Some(scene), Task::Servo, None) =
-        (&config.servo.law, &config.scene, config.task, &config.stereo)
+    let (Law::ImageVelocity { interaction, .. }, Some(scene), Task::Servo, None, None) =
+        (&config.servo.law, &config.scene, config.task, &config.stereo, &config.servo.estimation)
     else {
         return Ok(None);
     };
