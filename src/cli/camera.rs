@@ -1,7 +1,7 @@
 //! `vservo camera --list`, `--probe`, `--snapshot`: looking at cameras without a run.
 
 use super::camera_arguments::{CameraArguments, CameraQuestion};
-use super::{json, lost, shown};
+use super::{RoleArguments, json, lost, shown};
 use crate::config::{Config, PixelFormatName, Source, V4l2Settings};
 use crate::input::printable;
 use crate::process::{ProcessError, StopFlag};
@@ -188,5 +188,22 @@ fn snapshot(arguments: &CameraArguments, out: &Path) -> Result<u8, ProcessError>
     match written {
         Ok(()) => Ok(shown(&format!("{}: {width}x{height} px\n", printable(&out.display().to_string())), 0)),
         Err(cause) => Ok(lost(out, cause, 0)),
+    }
+}
+
+impl From<CameraArguments> for RoleArguments {
+    fn from(a: CameraArguments) -> Self {
+        let CameraArguments { config, instance, set, camera, supervised_by, config_on_stdin, .. } = a;
+        Self {
+            config,
+            instance,
+            set,
+            camera,
+            summary: None,
+            json: false,
+            supervised_by,
+            config_on_stdin,
+            report: None,
+        }
     }
 }

@@ -1,6 +1,5 @@
 //! The arguments of `vservo camera`.
 
-use super::RoleArguments;
 use crate::config::PixelFormatName;
 use clap::{Args, Subcommand, ValueEnum};
 use std::path::PathBuf;
@@ -154,23 +153,6 @@ impl From<FormatArgument> for PixelFormatName {
             FormatArgument::Bgr3 => Self::Bgr3,
             FormatArgument::Rgb3 => Self::Rgb3,
             FormatArgument::Mjpg => Self::Mjpg,
-        }
-    }
-}
-
-impl From<CameraArguments> for RoleArguments {
-    fn from(a: CameraArguments) -> Self {
-        let CameraArguments { config, instance, set, camera, supervised_by, config_on_stdin, .. } = a;
-        Self {
-            config,
-            instance,
-            set,
-            camera,
-            summary: None,
-            json: false,
-            supervised_by,
-            config_on_stdin,
-            report: None,
         }
     }
 }

@@ -74,17 +74,17 @@ pub(super) enum LearnerStep<const N: usize> {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Stage {
+enum LearningStage {
     Feel,
     Learn,
 }
 
 #[derive(Debug, Clone, Copy)]
-enum Phase<const N: usize> {
+enum LearnerPhase<const N: usize> {
     /// A motion begins with the next tick.
-    Begins(Stage),
+    Begins(LearningStage),
     Moves {
-        stage: Stage,
+        stage: LearningStage,
         motion: LearningMotion<N>,
         q_begin: SVector<f64, N>,
         moved: SVector<f64, N>,
@@ -98,7 +98,7 @@ enum Phase<const N: usize> {
 pub(super) struct JacobianLearner<const N: usize> {
     settings: EstimationSettings,
     estimator: JacobianEstimator,
-    phase: Phase<N>,
+    phase: LearnerPhase<N>,
     /// Distance of the outermost point from the border of the image, px.
     room_px: f64,
     /// Root mean square error of the last frame, px.
@@ -119,7 +119,7 @@ impl<const N: usize> JacobianLearner<N> {
         Self {
             settings,
             estimator: JacobianEstimator::new(points),
-            phase: Phase::Begins(Stage::Feel),
+            phase: LearnerPhase::Begins(LearningStage::Feel),
             room_px: 0.0,
             error_px: f64::INFINITY,
             best: None,
@@ -140,14 +140,14 @@ impl<const N: usize> JacobianLearner<N> {
         self.error_at_motion_px = f64::INFINITY;
         if other {
             self.estimator.forget();
-            self.phase = Phase::Begins(Stage::Feel);
+            self.phase = LearnerPhase::Begins(LearningStage::Feel);
         }
     }
 
     /// The arm does not move by the law at this tick: a motion is done again from its beginning.
     pub(super) fn interrupt(&mut self) {
-        if let Phase::Moves { stage, .. } = self.phase {
-            self.phase = Phase::Begins(stage);
+        if let LearnerPhase::Moves { stage, .. } = self.phase {
+            self.phase = LearnerPhase::Begins(stage);
         }
         (self.best, self.hardly_since) = (None, None);
     }
@@ -174,7 +174,7 @@ impl<const N: usize> JacobianLearner<N> {
         self.room_px = rooms
             .map(|f| f.u_px.min(f.v_px).min(size_px.x - 1.0 - f.u_px).min(size_px.y - 1.0 - f.v_px))
             .fold(f64::INFINITY, f64::min);
-        if let Phase::Moves { moved, frames, q_begin, .. } = &mut self.phase {
+        if let LearnerPhase::Moves { moved, frames, q_begin, .. } = &mut self.phase {
             *frames += 1;
             *moved = moved.zip_map(&(q - *q_begin), |most, now| f64::max(most, now.abs()));
         }
@@ -192,7 +192,7 @@ impl<const N: usize> JacobianLearner<N> {
             }
         }
         self.error_px = f64::sqrt(sum / count);
-        if !matches!(self.phase, Phase::Approaches) {
+        if !matches!(self.phase, LearnerPhase::Approaches) {
             return;
         }
         if self.error_px <= self.settings.tolerance_px {
@@ -226,7 +226,7 @@ impl<const N: usize> JacobianLearner<N> {
         }
         if self.futile < MAX_FUTILE {
             self.futile += 1;
-            self.phase = Phase::Begins(Stage::Learn);
+            self.phase = LearnerPhase::Begins(LearningStage::Learn);
         }
     }
 
@@ -237,32 +237,34 @@ impl<const N: usize> JacobianLearner<N> {
         (X_WC, J): (&Pose, &CameraJacobian<N>),
         set_point: &SetPoint,
     ) -> Option<LearnerStep<N>> {
-        if let Phase::Begins(stage) = self.phase {
+        if let LearnerPhase::Begins(stage) = self.phase {
             let motion = match stage {
-                Stage::Feel => LearningMotion::new(within(SMatrix::identity() * FEEL, q, limits), FEEL_SPAN),
-                Stage::Learn => {
+                LearningStage::Feel => {
+                    LearningMotion::new(within(SMatrix::identity() * FEEL, q, limits), FEEL_SPAN)
+                }
+                LearningStage::Learn => {
                     LearningMotion::new(within(self.parts(J, set_point, X_WC), q, limits), LEARN_SPAN)
                 }
             };
             self.estimator.hold_anchor(std::mem::take(&mut self.doubts));
             let moved = SVector::zeros();
-            self.phase = Phase::Moves { stage, motion, q_begin: *q, moved, frames: 0 };
+            self.phase = LearnerPhase::Moves { stage, motion, q_begin: *q, moved, frames: 0 };
         }
-        if let Phase::Moves { stage, motion, moved, frames, .. } = &mut self.phase {
+        if let LearnerPhase::Moves { stage, motion, moved, frames, .. } = &mut self.phase {
             if !motion.is_over() {
                 return Some(LearnerStep::Learn(motion.advance(TICK)));
             }
             let has_moved = moved.sum() >= MOVED * motion.amplitude().sum();
             if !has_moved || *frames < FRAMES {
-                self.phase = Phase::Begins(*stage);
+                self.phase = LearnerPhase::Begins(*stage);
                 return self.step((q, limits), (X_WC, J), set_point);
             }
-            if *stage == Stage::Feel {
-                self.phase = Phase::Begins(Stage::Learn);
+            if *stage == LearningStage::Feel {
+                self.phase = LearnerPhase::Begins(LearningStage::Learn);
                 return self.step((q, limits), (X_WC, J), set_point);
             }
             self.estimator.release_anchor();
-            self.phase = Phase::Approaches;
+            self.phase = LearnerPhase::Approaches;
         }
         self.estimator.task(set_point, X_WC).map(LearnerStep::Approach)
     }

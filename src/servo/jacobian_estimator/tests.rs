@@ -6,14 +6,14 @@ use nalgebra::{Point3, UnitQuaternion};
 use proptest::prelude::*;
 
 /// A camera somewhere on the arm, with a focal length relative to the one that is believed, before points of unknown places.
-struct Cell {
+struct UnknownCell {
     X_EC: Pose,
     f: f64,
     points: [Point3<f64>; 5],
     X_WO: Pose,
 }
 
-impl Cell {
+impl UnknownCell {
     fn drawn(random: &mut Random) -> Self {
         let mut any = |most: f64| Vector3::from_fn(|_, _| random.between(-most, most));
         let rotation = UnitQuaternion::from_scaled_axis(any(1.8));
@@ -53,7 +53,7 @@ fn normal(random: &mut Random) -> f64 {
 }
 
 /// About a pose with the anchor held: fifty frames of a motion by some hundredths, to both sides.
-fn learnt(cell: &Cell, random: &mut Random, noise: f64, free: usize) -> JacobianEstimator {
+fn learnt(cell: &UnknownCell, random: &mut Random, noise: f64, free: usize) -> JacobianEstimator {
     let mut estimator = JacobianEstimator::new(5);
     estimator.hold_anchor(false);
     for k in 0..50 {
@@ -84,7 +84,7 @@ proptest! {
     #[test]
     fn the_estimate_comes_to_the_image_jacobian(seed in 0u64..1_000_000) {
         let mut random = Random::new(seed);
-        let cell = Cell::drawn(&mut random);
+        let cell = UnknownCell::drawn(&mut random);
         let estimator = learnt(&cell, &mut random, 4e-5, 6);
         for i in 0..5 {
             let (found, true_rows) = (estimator.rows(i).unwrap(), cell.rows(i, &Pose::identity()));
@@ -136,7 +136,7 @@ fn stated_covariance_is_that_of_the_errors() {
 #[test]
 fn one_bad_frame_is_left_out_and_a_moved_target_followed() {
     let mut random = Random::new(3);
-    let cell = Cell::drawn(&mut random);
+    let cell = UnknownCell::drawn(&mut random);
     let mut estimator = learnt(&cell, &mut random, 4e-5, 6);
     let at_rest = cell.seen(&Pose::identity());
     let moved = at_rest.map(|s| s + Vector2::new(0.05, -0.02));
@@ -152,7 +152,7 @@ fn one_bad_frame_is_left_out_and_a_moved_target_followed() {
 #[test]
 fn directions_that_were_never_seen_are_not_asked_for() {
     let mut random = Random::new(11);
-    let cell = Cell::drawn(&mut random);
+    let cell = UnknownCell::drawn(&mut random);
     let estimator = learnt(&cell, &mut random, 4e-5, 4);
     let there = cell.seen(&Pose::identity().mul_twist(&Vector6::new(0.01, -0.02, 0.01, 0.02, 0.0, 0.0)));
     let goal = SetPoint::from_features(&there, &cell.points, 0.5).unwrap();
