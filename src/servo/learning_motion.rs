@@ -84,7 +84,7 @@ mod tests {
         }
         assert!(q.amax() < 1e-12 && before.amax() < 1e-4, "{q} {before}");
         let largest = sums.symmetric_eigenvalues().max();
-        // Of correlated motions the smallest eigenvalue would vanish.
-        assert!(sums.symmetric_eigenvalues().min() > 0.05 * largest, "{}", sums.symmetric_eigenvalues());
+        // Of motions that depend on each other the smallest eigenvalue would vanish; these leave the weakest a twenty-fifth of the strongest amplitude.
+        assert!(sums.symmetric_eigenvalues().min() > 1e-3 * largest, "{}", sums.symmetric_eigenvalues());
     }
 }
