@@ -3,8 +3,8 @@
 //! ```text
 //! q(t) = q(0) + sum_k a_k w(t) sin(n_k W t)  or  a_k w(t) cos(n_k W t),   w = ((1 - cos W t) / 2)^2,   W = 2 pi / T,   n_k = 1, 1, 2, 2, ...
 //! ```
-//! Each a_k is a motion of all joints. Two share a number n, one with the sine and one with the cosine, so that none is taken for another and the fastest of seven has
-//! n = 4. Position, velocity and acceleration begin and end with zero.
+//! Each a_k is a motion of all joints. Two share a number n, one with the sine and one with the cosine, so that the fastest of seven has n = 4. The window makes
+//! neighbours alike: what tells the most similar parts apart has a twenty-fifth of the amplitude of the strongest (tested), and is seen in 50 frames all the same. Position, velocity and acceleration begin and end with zero.
 
 use crate::time::SpanNs;
 use nalgebra::{SMatrix, SVector};
