@@ -14,20 +14,33 @@ const NEAR_BORDER: f64 = 0.1;
 const AHEAD: f64 = 3.0;
 /// Share of the measurements without the target at the end that makes a lost one. Chosen by hand: single losses are borne.
 const LOST_AT_END: usize = 3;
+/// Share of a failed run without frames that explains it, where they came again. Chosen by hand: what is left is time enough for most runs.
+const SILENT_SHARE: f64 = 0.25;
 
 pub(super) fn findings(evidence: &RunEvidence) -> Vec<RunFinding> {
     [frames_stopped(evidence), frames_lost(evidence), target(evidence)].into_iter().flatten().collect()
 }
 
 fn frames_stopped(evidence: &RunEvidence) -> Option<RunFinding> {
-    let last_s = evidence.measurements.numbers("exposure_s").last().copied().unwrap_or(0.0);
-    let silent_s = evidence.summary.duration_s - last_s;
-    let periods = silent_s * evidence.config.camera.rate_hz;
-    (evidence.has_failed() && periods > SILENT_FRAMES).then(|| RunFinding {
+    let (duration_s, rate_hz) = (evidence.summary.duration_s, evidence.config.camera.rate_hz);
+    let exposures_s = evidence.measurements.numbers("exposure_s").iter().copied();
+    let times_s: Vec<f64> = std::iter::once(0.0).chain(exposures_s).chain([duration_s]).collect();
+    let counts = |&(last_s, silent_s): &(f64, f64)| {
+        let is_end = last_s + silent_s >= duration_s;
+        silent_s * rate_hz > SILENT_FRAMES && (is_end || silent_s > SILENT_SHARE * duration_s)
+    };
+    let silences = times_s.windows(2).map(|pair| (pair[0], pair[1] - pair[0])).filter(counts);
+    let (last_s, silent_s) = silences.max_by(|a, b| a.1.total_cmp(&b.1)).filter(|_| evidence.has_failed())?;
+    let is_end = last_s + silent_s >= duration_s;
+    Some(RunFinding {
         cause: Cause::FramesStopped,
-        what: "frames, or their measurements, came no more".into(),
+        what: format!(
+            "frames, or their measurements, came no more{}",
+            if is_end { "" } else { " for a while" }
+        ),
         evidence: format!(
-            "the last one was exposed at {last_s:.3} s, {silent_s:.2} s before the end; {}",
+            "the last one was exposed at {last_s:.3} s, {silent_s:.2} s before the {}; {}",
+            if is_end { "end" } else { "next" },
             evidence.summary.reason
         ),
         change: "no key: see to the camera, its cable and power; `vservo camera --list`".into(),

@@ -150,8 +150,11 @@ fn a_run_is_watched_and_told_what_to_do() {
     let before = place(&monitor);
     // What is shown is what another reader of the same run is told.
     let told = daemon.ctl("status").1;
-    let shown = numbers(&monitor.screen(), "feature error")[0];
-    assert!((shown - told["feature_error_px"].as_f64().unwrap()).abs() < 1.0, "{shown}, {told}");
+    let error_px = told["feature_error_px"].as_f64().unwrap();
+    wait_until("the feature error that others are told", || {
+        let shown = numbers(&monitor.screen(), "feature error");
+        shown.first().is_some_and(|shown| (shown - error_px).abs() < 1.0)
+    });
     let screen = monitor.screen();
     for i in 1..=told["q_rad_or_m"].as_array().unwrap().len() {
         assert!(screen.iter().any(|line| line.contains(&format!("joint_{i}"))), "{screen:#?}");
