@@ -34,6 +34,8 @@ const MEAN_S: f64 = 0.02;
 const BRAKED: f64 = 0.01;
 /// Speed of its reference below which a joint is to rest, rad/s or m/s. Chosen by hand: a tenth of [`BRAKED`].
 const RESTS: f64 = 1e-3;
+/// Time for which it must have rested before, s. Chosen by hand: where rotors or a payload are found, references rest for moments.
+const RESTED_S: f64 = 0.2;
 /// Time between two encoder steps below which a joint moves, s. Chosen by hand: ten ticks, in which the noise of a step is no more than one.
 const STEP_S: f64 = 0.01;
 /// The acceleration of the reference is fed forward until the reference is so many times [`BAND`] ahead of a joint that has not moved.
@@ -44,6 +46,8 @@ const AHEAD: f64 = 3.0;
 #[derive(Debug, Clone)]
 pub(super) struct StallGuard<const N: usize> {
     last: Option<[Moved; N]>,
+    /// For how long each reference has rested, s.
+    rested_s: [f64; N],
 }
 
 /// A joint where it last moved.
@@ -60,7 +64,7 @@ struct Moved {
 
 impl<const N: usize> Default for StallGuard<N> {
     fn default() -> Self {
-        Self { last: None }
+        Self { last: None, rested_s: [0.0; N] }
     }
 }
 
@@ -85,6 +89,9 @@ impl<const N: usize> StallGuard<N> {
         let begin =
             || std::array::from_fn(|i| Moved { q: q[i], beyond: beyond[i], since_s: 0.0, ahead: 0.0 });
         let (mut bounded, mut stalled) = (*beyond, 0);
+        for (rested_s, velocity) in self.rested_s.iter_mut().zip(velocity) {
+            *rested_s = if velocity.abs() < RESTS { *rested_s + TICK.as_s() } else { 0.0 };
+        }
         let joints = self.last.get_or_insert_with(begin).iter_mut().zip(robot.limits()).zip(robot.friction());
         for (i, ((last, limit), friction)) in joints.enumerate() {
             if (q[i] - last.q).abs() > BAND.max(STEPS * steps[i]) {
@@ -97,8 +104,8 @@ impl<const N: usize> StallGuard<N> {
             last.ahead += velocity[i] * TICK.as_s();
             let reach = SHARE * limit.effort + friction.coulomb;
             let (mut least, mut most) = (last.beyond - reach, last.beyond + reach);
-            let rests = velocity[i].abs() < RESTS;
-            let moves = if rests { (qd[i] / BRAKED.max(steps[i] / STEP_S)).clamp(-1.0, 1.0) } else { 0.0 };
+            let speed = (qd[i] / BRAKED.max(steps[i] / STEP_S)).clamp(-1.0, 1.0);
+            let moves = if self.rested_s[i] >= RESTED_S { speed } else { 0.0 };
             if moves > 0.0 {
                 least += moves * (-limit.effort - least).min(0.0);
             } else {
@@ -187,6 +194,8 @@ mod tests {
         };
         let mut guard = StallGuard::default();
         at(&mut guard, 0.0, 0.0);
+        assert_eq!(at(&mut guard, 7.0 * BRAKED, -900.0), -reach, "its reference moved a moment ago");
+        (0..201).for_each(|_| _ = at(&mut guard, 0.0, 0.0));
         let effort = robot.limits()[1].effort;
         for (speed, braked) in [(0.5, reach + 0.5 * (effort - reach)), (1.0, effort), (7.0, effort)] {
             let qd = speed * BRAKED;
