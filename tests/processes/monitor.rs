@@ -155,13 +155,14 @@ fn a_run_is_watched_and_told_what_to_do() {
         let shown = numbers(&monitor.screen(), "feature error");
         shown.first().is_some_and(|shown| (shown - error_px).abs() < 1.0)
     });
-    let screen = monitor.screen();
+    // A screen may be read while it is drawn.
     for i in 1..=told["q_rad_or_m"].as_array().unwrap().len() {
-        assert!(screen.iter().any(|line| line.contains(&format!("joint_{i}"))), "{screen:#?}");
+        monitor.wait_for(&format!("joint_{i}"));
     }
-    let goals: usize =
-        screen[4..16].iter().map(|line| line.chars().take(31).filter(|c| *c == 'o').count()).sum();
-    assert!(goals >= 3, "four goals, of which two may share a cell: {screen:#?}");
+    wait_until("four goals, of which two may share a cell", || {
+        let view = &monitor.screen()[4..16];
+        view.iter().map(|line| line.chars().take(31).filter(|c| *c == 'o').count()).sum::<usize>() >= 3
+    });
 
     monitor.press("s");
     monitor.wait_for("SERVOING");
