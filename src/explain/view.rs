@@ -25,13 +25,13 @@ fn frames_stopped(evidence: &RunEvidence) -> Option<RunFinding> {
     let (duration_s, rate_hz) = (evidence.summary.duration_s, evidence.config.camera.rate_hz);
     let exposures_s = evidence.measurements.numbers("exposure_s").iter().copied();
     let times_s: Vec<f64> = std::iter::once(0.0).chain(exposures_s).chain([duration_s]).collect();
-    let counts = |&(last_s, silent_s): &(f64, f64)| {
-        let is_end = last_s + silent_s >= duration_s;
+    let silence = |(i, pair): (usize, &[f64])| (pair[0], pair[1] - pair[0], i + 2 == times_s.len());
+    let counts = |&(_, silent_s, is_end): &(f64, f64, bool)| {
         silent_s * rate_hz > SILENT_FRAMES && (is_end || silent_s > SILENT_SHARE * duration_s)
     };
-    let silences = times_s.windows(2).map(|pair| (pair[0], pair[1] - pair[0])).filter(counts);
-    let (last_s, silent_s) = silences.max_by(|a, b| a.1.total_cmp(&b.1)).filter(|_| evidence.has_failed())?;
-    let is_end = last_s + silent_s >= duration_s;
+    let silences = times_s.windows(2).enumerate().map(silence).filter(counts);
+    let longest = silences.max_by(|a, b| a.1.total_cmp(&b.1));
+    let (last_s, silent_s, is_end) = longest.filter(|_| evidence.has_failed())?;
     Some(RunFinding {
         cause: Cause::FramesStopped,
         what: format!(

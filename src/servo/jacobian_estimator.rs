@@ -297,13 +297,6 @@ pub struct CautiousTask {
 }
 
 impl CautiousTask {
-    /// The same with the share `caution` of the damping.
-    #[must_use]
-    pub fn with_caution(mut self, caution: f64) -> Self {
-        self.task.matrix = self.certain + (self.task.matrix - self.certain) * caution;
-        self
-    }
-
     /// Share of the error that the displacement `xi` leaves, root mean square: `|e - M xi| / |e|`. 1 where nothing is gained, 0 where all is met.
     #[must_use]
     pub fn share_left(&self, xi: &Vector6<f64>) -> f64 {

@@ -43,8 +43,9 @@ const MAX_MOTION: f64 = 0.03;
 const STILL: f64 = 1e-3;
 /// Share of the distance to the end of its range that a joint may go.
 const RANGE_SHARE: f64 = 0.5;
-/// Time without progress after which the arm learns again, and what counts as progress. Chosen by hand: under a gain of 2 1/s an error falls to a fiftieth in it.
+/// Time without progress after which the arm learns again. Chosen by hand: under a gain of 2 1/s an error falls to a fiftieth in it.
 const PATIENCE: SpanNs = SpanNs(2_000_000_000);
+/// Share of the least error so far below which an error is progress. Chosen by hand: noise at a pixel does not reach a fifth, and a gain of 0.2 1/s would within [`PATIENCE`].
 const PROGRESS: f64 = 0.8;
 /// Share of the error that a step leaves from which on M is too uncertain for the directions that are left, and for how long. Chosen by hand.
 const HARDLY: f64 = 0.6;

@@ -47,7 +47,7 @@ fn draws() -> u32 {
 fn rotors_that_no_file_tells_are_found() {
     let (good, all) = converged(draws(), 900, |_, _| Vec::new());
     // A SCARA with 2.7 times its inertia is stopped as touched.
-    assert!(f64::from(good) >= 0.94 * f64::from(all), "{good} of {all}");
+    assert!(f64::from(good) >= 0.95 * f64::from(all), "{good} of {all}");
 }
 
 #[test]
@@ -61,7 +61,7 @@ fn rotors_are_found_with_payloads_and_other_friction() {
         ]
     });
     // Of 100 other draws 95 came home.
-    assert!(f64::from(good) >= 0.9 * f64::from(all), "{good} of {all}");
+    assert!(f64::from(good) >= 0.95 * f64::from(all), "{good} of {all}");
 }
 
 #[test]

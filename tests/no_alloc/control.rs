@@ -152,6 +152,35 @@ fn no_tick_allocates() {
     }
 }
 
+/// The learner's motions, its filter and the law with what it has learnt.
+#[test]
+fn learning_the_image_jacobian_allocates_nothing() {
+    for file in ["ur5.toml", "dot-grid.toml"] {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config").join(file);
+        let set = ["servo.interaction=estimated", "servo.gain_1_s=2", "servo.set_point.kind=taught"];
+        let config = Config::load(Some(&path), &set.map(str::to_owned)).unwrap();
+        vservo::dispatch_robot!(config.robot, |robot| {
+            let copy = robot.clone();
+            learn(&config, &copy, assemble::control_loop(&config, robot).unwrap());
+        })
+        .unwrap();
+    }
+}
+
+fn learn<const N: usize>(config: &Config, robot: &Robot<N>, mut run: LockstepRun<N>) {
+    let mut moved = 0.0_f64;
+    for k in 0..5000_i64 {
+        let now = MonoNs(k * MS);
+        let joint = run.sense(k as u64, now);
+        let q = SVector::<f64, N>::from_fn(|i, _| joint.q[i]);
+        moved = moved.max((0..N).map(|i| (q[i] - config.start.q[i]).abs()).fold(0.0, f64::max));
+        let X_CO = config.camera.mount.X_WC(&robot.forward(&q)).inv_mul(&config.X_WO().unwrap());
+        let m = (k % 40 == 0).then(|| seen(config, k, &X_CO));
+        assert_no_alloc(|| run.act(now, m.as_ref()));
+    }
+    assert!((1e-3..0.1).contains(&moved), "{moved}: it moves to learn, about where it is");
+}
+
 /// A drive that reports nonsense after a while.
 struct Broken(u32);
 

@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::print_stdout)] // helpers of tests are tests; a figure that is measured
 
 use crate::common::{Instance, Lines, kill, vservo, wait_for_process, wait_until};
+use crate::serve::ServiceManager;
 use serde_json::Value;
 use std::process::{Child, Stdio};
 use vservo::rt;
@@ -226,19 +227,12 @@ fn a_run_without_vision_ends_after_its_duration() {
 /// The service manager's watchdog is fed while control ticks, and not when it hangs.
 #[test]
 fn the_service_watchdog_is_fed_as_long_as_control_ticks() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("notify");
-    let socket = std::os::unix::net::UnixDatagram::bind(&path).unwrap();
-    socket.set_read_timeout(Some(std::time::Duration::from_secs(60))).unwrap();
-    let heard = || {
-        let mut buffer = [0; 64];
-        let length = socket.recv(&mut buffer).unwrap();
-        String::from_utf8_lossy(&buffer[..length]).into_owned()
-    };
+    let manager = ServiceManager::new();
+    let heard = || manager.heard();
     let instance = Instance::new("watchdog");
     let mut process = vservo()
         .args(["serve", "--instance", &instance.name])
-        .env("NOTIFY_SOCKET", &path)
+        .env("NOTIFY_SOCKET", manager.address())
         .env("WATCHDOG_USEC", "300000")
         .stdout(Stdio::null())
         .stderr(Stdio::null())

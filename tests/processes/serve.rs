@@ -4,6 +4,7 @@
 
 use crate::common::{Instance, kill, vservo, wait_until};
 use serde_json::Value;
+use std::os::unix::net::UnixDatagram;
 use std::process::{Child, Stdio};
 
 /// A daemon under a name of its own.
@@ -251,21 +252,41 @@ fn nobody_there_is_told_and_leaves_nothing() {
     assert_eq!(output.status.code(), Some(2));
 }
 
+/// What a service manager hears of a process.
+pub(crate) struct ServiceManager {
+    socket: UnixDatagram,
+    folder: tempfile::TempDir,
+}
+
+impl ServiceManager {
+    pub(crate) fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let socket = UnixDatagram::bind(folder.path().join("notify")).unwrap();
+        socket.set_read_timeout(Some(std::time::Duration::from_secs(60))).unwrap();
+        Self { socket, folder }
+    }
+
+    /// What stands in `NOTIFY_SOCKET`.
+    pub(crate) fn address(&self) -> std::path::PathBuf {
+        self.folder.path().join("notify")
+    }
+
+    /// The next word, which comes within a minute.
+    pub(crate) fn heard(&self) -> String {
+        let mut buffer = [0; 64];
+        let length = self.socket.recv(&mut buffer).unwrap();
+        String::from_utf8_lossy(&buffer[..length]).into_owned()
+    }
+}
+
 #[test]
 fn the_service_manager_hears_that_control_ticks_and_ends() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("notify");
-    let socket = std::os::unix::net::UnixDatagram::bind(&path).unwrap();
-    socket.set_read_timeout(Some(std::time::Duration::from_secs(60))).unwrap();
-    let heard = || {
-        let mut buffer = [0; 64];
-        let length = socket.recv(&mut buffer).unwrap();
-        String::from_utf8_lossy(&buffer[..length]).into_owned()
-    };
+    let manager = ServiceManager::new();
+    let heard = || manager.heard();
     let instance = Instance::new("serve-notify");
     let mut process = vservo()
         .args(["serve", "--clock", "lockstep", "--instance", &instance.name])
-        .env("NOTIFY_SOCKET", &path)
+        .env("NOTIFY_SOCKET", manager.address())
         .stdout(Stdio::null())
         .stderr(Stdio::null())
         .spawn()

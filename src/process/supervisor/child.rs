@@ -107,15 +107,17 @@ impl Child {
             };
             std::thread::Builder::new().name("control-output".into()).spawn(read).ok()
         });
-        Ok(Self {
-            role,
-            process,
-            started,
-            end: None,
-            used: None,
-            before: <(Used, SpanNs)>::default(),
-            output,
-        })
+        Ok(Self::of(role, process, started, output))
+    }
+
+    /// A process that was just `started`, and who reads its output.
+    fn of(
+        role: Role,
+        process: std::process::Child,
+        started: MonoNs,
+        output: Option<JoinHandle<String>>,
+    ) -> Self {
+        Self { role, process, started, end: None, used: None, before: Default::default(), output }
     }
 
     /// Starts the program of an external drive or camera, behind its guard: it ends when the supervisor has, but not before control.
@@ -149,15 +151,7 @@ impl Child {
         keep_descriptors_here(&mut command);
         let started = now();
         let process = command.spawn().map_err(failed)?;
-        Ok(Some(Self {
-            role,
-            process,
-            started,
-            end: None,
-            used: None,
-            before: <(Used, SpanNs)>::default(),
-            output: None,
-        }))
+        Ok(Some(Self::of(role, process, started, None)))
     }
 
     pub(super) fn role(&self) -> Role {

@@ -13,6 +13,7 @@ use crate::sim::perfect_measurement;
 use crate::time::{MonoNs, TICK};
 use nalgebra::{Point3, SVector, UnitQuaternion, Vector2, Vector3};
 
+/// Focal length of the lens as it is believed, px: that of the shipped run files.
 const F_PX: f64 = 800.0;
 
 fn square(side_m: f64) -> [Point3<f64>; 4] {
