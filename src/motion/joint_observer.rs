@@ -387,9 +387,11 @@ impl<const N: usize> JointObserver<N> {
                     * (friction.viscous * (speed - commanded.w[i] - commanded.extra[i])
                         + friction.coulomb_part(speed, width)
                         - friction.coulomb_part(commanded.w[i], width));
+                // The share that is learnt is one of what is confirmed: a nominal friction is many times the true one.
+                let known = self.confirmed.share()[i];
                 let residual = TorqueResidual {
                     rho: settings.inertia[i] * accelerated / h + rubbed - commanded.feedback[i],
-                    friction: commanded.friction[i],
+                    friction: known * commanded.friction[i],
                     inertial: settings.inertia[i] * commanded.u[i],
                     gain: rate * h,
                 };
@@ -398,7 +400,7 @@ impl<const N: usize> JointObserver<N> {
                 if self.sticks[i] && speed.abs() < STANDS && w.max(commanded.slip[i].abs()) < STUCK {
                     continue;
                 }
-                self.friction.learn(i, friction, &residual, h);
+                self.friction.learn(i, known * friction.coulomb, &residual, h);
                 let most = settings.max_acceleration[i];
                 self.p[i] = (self.p[i] + rate * accelerated).clamp(-most, most);
                 let most = robot.limits()[i].effort;

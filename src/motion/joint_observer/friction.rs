@@ -11,7 +11,6 @@
 //! While a joint moves in one direction, `d` and `c` cannot be distinguished. At a reversal the variance of `d` is small and that of `c` is
 //! large, so that the residual corrects `c`.
 
-use crate::robot::Friction;
 use nalgebra::SVector;
 
 /// Standard deviation of the share at the start, and its random walk within a second. Chosen by hand: the walk reaches half of the
@@ -56,9 +55,8 @@ impl<const N: usize> FrictionShare<N> {
         &self.share
     }
 
-    /// Updates the estimate of joint `i`, counted from 0. A joint whose model has no Coulomb friction is left alone.
-    pub(super) fn learn(&mut self, i: usize, model: &Friction, residual: &TorqueResidual, tick_s: f64) {
-        let unit = model.coulomb;
+    /// Updates the estimate of joint `i`, counted from 0, of whose friction `unit` is the Coulomb part, N m or N. A joint without any is left alone.
+    pub(super) fn learn(&mut self, i: usize, unit: f64, residual: &TorqueResidual, tick_s: f64) {
         if !(unit > 0.0) {
             return;
         }
@@ -83,6 +81,7 @@ impl<const N: usize> FrictionShare<N> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::robot::Friction;
     use nalgebra::Vector1;
 
     const MODEL: Friction = Friction { viscous: 5.0, coulomb: 2.0 };
@@ -97,7 +96,7 @@ mod tests {
             let friction = MODEL.viscous * speed + MODEL.coulomb * (speed / 1e-3).tanh();
             let rho = load - share * friction - (d - learner.share()[0] * friction);
             let residual = TorqueResidual { rho, friction, inertial: 0.0, gain: 0.01 };
-            learner.learn(0, &MODEL, &residual, 1e-3);
+            learner.learn(0, MODEL.coulomb, &residual, 1e-3);
             d += 0.01 * rho;
         }
         learner.share()[0]
@@ -115,10 +114,10 @@ mod tests {
     fn no_friction_learns_nothing_and_estimates_stay_bounded() {
         let residual = TorqueResidual { rho: 1e9, friction: -1.0, inertial: 0.0, gain: 0.01 };
         let mut learner = FrictionShare::<1>::default();
-        learner.learn(0, &Friction::default(), &residual, 1e-3);
+        learner.learn(0, 0.0, &residual, 1e-3);
         assert_eq!(*learner.share(), Vector1::zeros());
         for _ in 0..100 {
-            learner.learn(0, &MODEL, &residual, 1e-3);
+            learner.learn(0, MODEL.coulomb, &residual, 1e-3);
         }
         assert_eq!(learner.share()[0], MAX_SHARE);
     }
