@@ -33,6 +33,7 @@ mod tool_arguments;
 mod tune;
 mod uncalibrated;
 mod view;
+mod watched_run;
 
 pub use arguments::{
     Calibration, CameraArgument, CameraArguments, CellArguments, Cli, Command, DetectArguments, DoArguments,
