@@ -13,6 +13,7 @@ use super::place_arguments::{PlaceArguments, ViewArguments};
 use super::target::TargetArguments;
 use super::tool_arguments::{PoseArguments, ProcessArguments, StereoCommand};
 use super::tune::TuneArguments;
+use super::watch::WatchArguments;
 use super::{completion, record::RecordArguments, replay::ReplayArguments};
 use crate::camera_model::Response;
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -77,6 +78,8 @@ pub enum Command {
     Record(RecordArguments),
     /// Watch a running instance in this terminal, and start, hold, stop and teach it by keys
     Monitor(MonitorArguments),
+    /// Show a running instance in a browser: its image, errors, joints, latencies and events, and nothing to press
+    Watch(WatchArguments),
     /// Run control, or vision, again on what was recorded, and compare bit for bit
     Replay(ReplayArguments),
     /// Tell in words how a run went: what limited its speed, what made it fail, which key to change

@@ -33,6 +33,7 @@ mod tool_arguments;
 mod tune;
 mod uncalibrated;
 mod view;
+mod watch;
 mod watched_run;
 
 pub use arguments::{
@@ -59,6 +60,7 @@ pub use tool_arguments::{
     StereoMotionArguments, StereoRectifyArguments, StereoTriangulateArguments, TriangulationMethod,
 };
 pub use tune::TuneArguments;
+pub use watch::WatchArguments;
 
 use crate::config::assemble::require_controllable;
 use crate::config::{Config, Draft, SHIPPED_FILES, ShippedFile};
@@ -111,6 +113,7 @@ pub fn main() -> ExitCode {
         Some(Command::Control(arguments)) => role(Role::Control, &arguments),
         Some(Command::Record(arguments)) => record::record(&arguments),
         Some(Command::Monitor(arguments)) => monitor::monitor(&arguments),
+        Some(Command::Watch(arguments)) => watch::watch(&arguments),
         Some(Command::Replay(arguments)) => replay::replay(&arguments),
         Some(Command::Explain(arguments)) => explain::explain(&arguments),
         Some(Command::Export(arguments)) => export::export(&arguments),

@@ -3,6 +3,7 @@
 use crate::client::{Client, RunAnswer, RunWatch};
 use crate::config::Config;
 use crate::input::printable;
+use crate::ipc::ReceivedFrame;
 use crate::monitor::{MonitorOrder, RunView};
 use crate::process::{ProcessError, StopFlag};
 use crate::time::{MonoNs, SpanNs};
@@ -27,6 +28,17 @@ impl WatchedRun {
         let instance = client.instance().clone();
         let watch = RunWatch::join(&instance, &config)?;
         Ok(Self { asker: Asker::start(client)?, watch, config, next_look: MonoNs::ZERO })
+    }
+
+    /// The same with the images of the first camera.
+    pub(super) fn with_images(self) -> Result<Self, ProcessError> {
+        let watch = self.watch.with_images(&self.config)?;
+        Ok(Self { watch, ..self })
+    }
+
+    /// The newest image since the last look.
+    pub(super) fn image(&self) -> Result<Option<ReceivedFrame>, ProcessError> {
+        self.watch.image()
     }
 
     /// Takes everything that came, at `time`, into `view`. Whether the run is still there.

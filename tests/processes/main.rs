@@ -54,4 +54,5 @@ mod stereo;
 mod stereo_tool;
 mod torque_safety;
 mod trace;
+mod watch;
 mod wrong_description;
