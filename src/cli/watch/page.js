@@ -108,7 +108,7 @@ function showJoints(joints) {
   note.colSpan = 5;
   const last = element('tr');
   last.append(note);
-  at('joints').replaceChildren(row([['joint'], ['lower to upper'], ['position', 'n'], ['speed', 'n'], ['effort', 'n']], true), ...rows, last);
+  at('joints').replaceChildren(row([['joint'], ['range'], ['position', 'n'], ['speed', 'n'], ['effort', 'n']], true), ...rows, last);
 }
 
 function showTicks(t) {
