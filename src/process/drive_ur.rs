@@ -117,7 +117,7 @@ impl Link {
                     return Ok(0);
                 }
                 if command.flags & drive_flag::START != 0 {
-                    self.start(&command, enable)?;
+                    self.start(&command, enable, stop)?;
                 } else if self.run != DriveStage::Waits {
                     self.run = DriveStage::Obeys(of_message(&command)?, now());
                 }
@@ -141,13 +141,20 @@ impl Link {
         }
     }
 
-    /// A run begins: the program is sent, once, and the robot's state is the answer, each time.
-    fn start(&mut self, command: &DriveCommandMsg, enable: bool) -> Result<(), ProcessError> {
+    /// A run begins: the program is sent, once, and the robot's state is the answer, each time. A stop that is requested while the robot is switched on ends that.
+    fn start(
+        &mut self,
+        command: &DriveCommandMsg,
+        enable: bool,
+        stop: &StopFlag,
+    ) -> Result<(), ProcessError> {
         if command.flags & drive_flag::LOCKSTEP != 0 {
             return Err(ProcessError::DriveLockstep);
         }
         if self.run == DriveStage::Waits {
-            self.arm.make_ready(enable)?;
+            if !self.arm.make_ready(enable, &|| stop.is_requested())? {
+                return Ok(());
+            }
             self.arm.start()?;
             self.run = DriveStage::Held;
         }

@@ -64,6 +64,7 @@ mod jacobian_learner;
 mod law;
 mod learning_motion;
 mod measurement_verdict;
+mod motion_agreement;
 mod null_space;
 mod object_motion;
 mod orientation;

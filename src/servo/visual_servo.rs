@@ -13,6 +13,7 @@ mod law_answer;
 mod pace;
 
 use super::jacobian_learner::JacobianLearner;
+use super::motion_agreement::MotionAgreement;
 use super::unobserved_motion::{LONGEST_SPAN, unobserved_motion};
 use super::{
     Arm, Convergence, DepthRow, LawOutput, MeasurementVerdict, MovingGoal, ObjectMotion, ServoSettings,
@@ -90,6 +91,8 @@ pub struct VisualServo<const N: usize> {
     path_began: Option<MonoNs>,
     /// Joint motion that the last measurement showed beyond the history.
     drift: Option<UnobservedMotion<N>>,
+    /// Whether the image moves as the arm's motion should make it.
+    agreement: MotionAgreement,
     /// Share of each gain that resolved velocities have; less for an arm that swings about its goal.
     gain_share: f64,
     /// The image Jacobian that is learnt, where the law goes by none that is computed.
@@ -118,6 +121,7 @@ impl<const N: usize> VisualServo<N> {
             follows_path: true,
             path_began: None,
             drift: None,
+            agreement: MotionAgreement::default(),
             gain_share: 1.0,
             learner,
         }
@@ -174,6 +178,9 @@ impl<const N: usize> VisualServo<N> {
     /// The next law output starts smoothly again, as the first one did; after a stop or a hold.
     pub fn restart(&mut self) {
         self.start = None;
+        if self.agreement.quarters().is_some() {
+            self.agreement = MotionAgreement::default();
+        }
         if let Some(learner) = &mut self.learner {
             learner.interrupt();
         }
@@ -252,6 +259,9 @@ impl<const N: usize> VisualServo<N> {
         if !partial {
             self.q_whole = Some(q);
         }
+        if self.object.is_none() && !supposed {
+            self.agreement.note(&view, &X_WC, &self.goal);
+        }
         let last = LastMeasurement { exposure, view, task, X_WC, partial, supposed };
         self.drift = self.unobserved_motion_until(&last, &q, robot);
         if !partial && view.X_CO().is_some() {
@@ -281,6 +291,13 @@ impl<const N: usize> VisualServo<N> {
         let (_, J) = self.settings.mount.camera(robot, q);
         let dq = unobserved_motion(set_point, &predicted, &now.view, &J)?;
         Some(UnobservedMotion { dq, from, span })
+    }
+
+    /// By how many quarters the camera is turned about its optical axis against its mount, 1 to 3, by how the image moved with the arm's first motion; `None` where it is not. Each law leads away
+    /// from its goal then.
+    #[must_use]
+    pub fn camera_turn(&self) -> Option<u8> {
+        self.agreement.quarters()
     }
 
     /// Takes the joint motion that the last measurement showed beyond the history; `None` at the next call.

@@ -51,6 +51,7 @@ mod textbook_errata;
 mod three_points;
 mod trusted;
 mod truth;
+mod turned_camera;
 mod uncalibrated;
 mod untold_friction;
 mod untold_rotors;

@@ -161,11 +161,11 @@ impl Arm {
     }
 
     /// Sees to it that the arm may move: refuses in words what somebody must see to. With `enable` the motors get power and the brakes are opened;
-    /// a stop is never unlocked here.
+    /// a stop is never unlocked here. Whether it may: `false` where `stop`, which is asked while that is waited for, said that nobody wants it any more.
     ///
     /// # Errors
     /// When the robot is stopped, not powered, slowed down, or not under remote control.
-    pub fn make_ready(&mut self, enable: bool) -> Result<(), UrError> {
+    pub fn make_ready(&mut self, enable: bool, stop: &dyn Fn() -> bool) -> Result<bool, UrError> {
         let state = self.newest()?;
         if !state.safety.lets_move() {
             return Err(UrError::Stopped { safety: state.safety });
@@ -174,7 +174,10 @@ impl Arm {
             if !enable {
                 return Err(UrError::NotRunning { mode: state.mode });
             }
-            self.enable()?;
+            self.enable(stop)?;
+        }
+        if stop() {
+            return Ok(false);
         }
         let state = self.newest()?;
         if state.slider < SLIDER {
@@ -185,22 +188,23 @@ impl Arm {
         if !dashboard.is_under_remote_control(self.series)? {
             return Err(UrError::LocalControl);
         }
-        Ok(())
+        Ok(true)
     }
 
-    fn enable(&mut self) -> Result<(), UrError> {
+    fn enable(&mut self, stop: &dyn Fn() -> bool) -> Result<(), UrError> {
         let mut dashboard =
             Dashboard::connect(self.settings.host, self.settings.patience, self.settings.clock)?;
         let not_idle = |s: &ArmState| !matches!(s.mode, RobotMode::Idle | RobotMode::Running);
         if self.last.as_ref().is_some_and(not_idle) {
             dashboard.power_on()?;
-            self.await_mode(POWER, "off", "power", |mode| {
+            self.await_mode(POWER, stop, ("off", "power"), |mode| {
                 mode == RobotMode::Idle || mode == RobotMode::Running
             })?;
         }
-        if self.last.is_some_and(|s| s.mode != RobotMode::Running) {
+        if !stop() && self.last.is_some_and(|s| s.mode != RobotMode::Running) {
             dashboard.release_brakes()?;
-            self.await_mode(BRAKES, "closed brakes", "open ones", |mode| mode == RobotMode::Running)?;
+            let ways = ("closed brakes", "open ones");
+            self.await_mode(BRAKES, stop, ways, |mode| mode == RobotMode::Running)?;
         }
         Ok(())
     }
@@ -208,14 +212,14 @@ impl Arm {
     fn await_mode(
         &mut self,
         patience: Duration,
-        from: &'static str,
-        to: &'static str,
+        stop: &dyn Fn() -> bool,
+        (from, to): (&'static str, &'static str),
         is: impl Fn(RobotMode) -> bool,
     ) -> Result<(), UrError> {
-        let found = self.await_state(patience, |s| is(s.mode) || !s.safety.lets_move())?;
+        let found = self.await_state(patience, |s| is(s.mode) || !s.safety.lets_move() || stop())?;
         match found.or(self.last) {
             Some(s) if !s.safety.lets_move() => Err(UrError::Stopped { safety: s.safety }),
-            Some(s) if is(s.mode) => Ok(()),
+            Some(s) if is(s.mode) || stop() => Ok(()),
             Some(ArmState { mode, safety, .. }) => {
                 Err(UrError::NotEnabled { from, to, seconds: patience.as_secs_f64(), mode, safety })
             }

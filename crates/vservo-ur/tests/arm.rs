@@ -69,15 +69,26 @@ fn positions_are_followed_with_the_stated_lag() {
 fn an_arm_without_power_is_enabled_only_where_that_is_allowed() {
     let robot = robot(Series::ESeries, false);
     let mut arm = Arm::connect(settings(&robot)).unwrap();
-    let words = arm.make_ready(false).unwrap_err().to_string();
+    let words = arm.make_ready(false, &|| false).unwrap_err().to_string();
     assert!(words.contains("powered off") && words.contains("--enable"), "{words}");
     assert_eq!(robot.modes().0, RobotMode::PowerOff);
-    arm.make_ready(true).unwrap();
+    assert!(arm.make_ready(true, &|| false).unwrap());
     assert_eq!(robot.modes().0, RobotMode::Running);
     arm.start().unwrap();
     drive(&mut arm, 0.2, swing).unwrap();
     arm.come_to_rest().unwrap();
     assert_at_rest(&robot);
+}
+
+#[test]
+fn a_stop_ends_the_wait_for_power_and_leaves_brakes_closed() {
+    let robot = robot(Series::ESeries, false);
+    let mut arm = Arm::connect(settings(&robot)).unwrap();
+    // Asked for while the motors get power.
+    let stop = || robot.modes().0 != RobotMode::PowerOff;
+    assert!(!arm.make_ready(true, &stop).unwrap());
+    std::thread::sleep(Duration::from_millis(500));
+    assert!(matches!(robot.modes().0, RobotMode::PowerOn | RobotMode::Idle), "{:?}", robot.modes());
 }
 
 /// Registers of an earlier driver move nothing, and one that is killed leaves an arm that stops by itself.

@@ -11,6 +11,7 @@
 //! `step` is total: it does not allocate, log, fail or look at a clock.
 
 mod contact;
+mod measurements;
 mod motion;
 mod orders;
 mod settings;
@@ -25,7 +26,7 @@ use crate::control::trace::{Event, Events};
 use crate::drive::{CommandMode, DriveCommand, DriveState};
 use crate::messages::Measurement;
 use crate::motion::{JointController, Limit, Reference};
-use crate::servo::{MeasurementVerdict, VisualServo};
+use crate::servo::VisualServo;
 use crate::time::TICK;
 use crate::time::{MonoNs, SpanNs};
 use contact::WayBack;
@@ -280,15 +281,6 @@ impl<const N: usize> Controller<N> {
             events: std::mem::take(&mut self.events),
             external_torque: self.contact_watch.external_torque(),
         }
-    }
-
-    fn take(&mut self, now: MonoNs, m: &Measurement) -> MeasurementVerdict {
-        let verdict = self.servo.add_measurement(now, m, &self.arm.robot);
-        self.behaviour.note(now, m, verdict, &self.servo);
-        if let Some(drift) = self.servo.take_unobserved_motion() {
-            self.joint_control.learn(&drift, now);
-        }
-        verdict
     }
 
     /// The state of the drive, if it is plausible.

@@ -15,6 +15,7 @@
 //! | any end of a run: goal, time, request, fault | the reference slows down within its limits, and the run ends when the measured arm is at rest (`run_end`) |
 //! | `max_missed_deadlines_in_a_row` ticks missed in a row | protective stop: reference slows down, arm holds, run ends as fault |
 //! | the measured arm still moves 3 s after its reference came to rest | the run ends as fault, with the last command |
+//! | the first motion of the image is that of a camera which is turned by 70 degrees and more against its mount (`servo/motion_agreement.rs`) | likewise |
 //! | a stop is latched (`ipc/stop_word.rs`) | likewise |
 //! | the companion takes no trace for 3 s | likewise: no measurement and no order arrives any more, and nothing else would end the run |
 //! | lockstep: a measurement does not come for 10 s | reference slows down, arm holds, run ends as fault |
@@ -34,6 +35,17 @@ pub use freshness::{Freshness, MeasurementWatch};
 pub use rest::RestWatch;
 
 use crate::drive::DriveFault;
+
+/// The same words for each turn of a camera.
+macro_rules! turned_camera {
+    ($degrees:literal) => {
+        concat!(
+            "the image moves as if the camera were turned about its optical axis against its mount, by about ",
+            $degrees,
+            " degrees, so that the arm went away from its goal: turn camera.mount by as much about its z, or find it with `vservo calibrate hand-eye`"
+        )
+    };
+}
 
 /// The faults that end a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -62,6 +74,12 @@ pub enum Fault {
     Oscillates,
     /// Something acts on the arm from outside.
     Contact,
+    /// The image moves as if the camera were turned about its optical axis against its mount, by about 90 degrees.
+    CameraTurned90,
+    /// The same by about 180 degrees.
+    CameraTurned180,
+    /// The same by about 270 degrees.
+    CameraTurned270,
     /// Somebody latched a stop.
     StopLatched,
     /// Commands would have exceeded the limits, or were not finite.
@@ -72,7 +90,7 @@ pub enum Fault {
 
 impl Fault {
     /// All faults, with their codes in the protocol of the messages; those of a drive count from 17. A code never changes its meaning.
-    const CODES: [(Self, u32); 18] = [
+    const CODES: [(Self, u32); 21] = [
         (Self::DriveStateNotFinite, 1),
         (Self::DriveStateImplausible, 2),
         (Self::TrackingError, 3),
@@ -87,11 +105,24 @@ impl Fault {
         (Self::Oscillates, 13),
         (Self::Contact, 14),
         (Self::StopLatched, 15),
+        (Self::CameraTurned90, 16),
+        (Self::CameraTurned180, 21),
+        (Self::CameraTurned270, 22),
         (Self::Drive(DriveFault::Stale), 17),
         (Self::Drive(DriveFault::Left), 18),
         (Self::Drive(DriveFault::Silent), 19),
         (Self::Drive(DriveFault::OutOfStep), 20),
     ];
+
+    /// That of a camera that is turned against its mount by so many quarters, 1 to 3.
+    #[must_use]
+    pub fn turned_camera(quarters: u8) -> Self {
+        match quarters {
+            1 => Self::CameraTurned90,
+            2 => Self::CameraTurned180,
+            _ => Self::CameraTurned270,
+        }
+    }
 
     /// Its code in a message, never 0.
     #[must_use]
@@ -150,6 +181,9 @@ impl Fault {
                 "something touches the arm: clear its way; where nothing does, tell what it carries ([tool]) and its friction, or set \
                  safety.contact = \"ignore\""
             }
+            Self::CameraTurned90 => turned_camera!("90"),
+            Self::CameraTurned180 => turned_camera!("180"),
+            Self::CameraTurned270 => turned_camera!("270"),
             Self::StopLatched => {
                 "a stop was latched from outside: see to its reason, then `vservo ctl reset`"
             }

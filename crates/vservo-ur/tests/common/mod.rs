@@ -48,7 +48,7 @@ pub fn settings(robot: &Emulator) -> ArmSettings {
 /// An arm that is ready for commands.
 pub fn started(settings: ArmSettings) -> Result<Arm, UrError> {
     let mut arm = Arm::connect(settings)?;
-    arm.make_ready(false)?;
+    arm.make_ready(false, &|| false)?;
     arm.start()?;
     Ok(arm)
 }

@@ -1,0 +1,23 @@
+//! Measurements as they come.
+
+use super::Controller;
+use crate::control::lifecycle::State;
+use crate::control::safety::Fault;
+use crate::messages::Measurement;
+use crate::servo::MeasurementVerdict;
+use crate::time::MonoNs;
+
+impl<const N: usize> Controller<N> {
+    /// Takes in a measurement at `now`, and what it says of the arm's motion.
+    pub(super) fn take(&mut self, now: MonoNs, m: &Measurement) -> MeasurementVerdict {
+        let verdict = self.servo.add_measurement(now, m, &self.arm.robot);
+        self.behaviour.note(now, m, verdict, &self.servo);
+        if let Some(drift) = self.servo.take_unobserved_motion() {
+            self.joint_control.learn(&drift, now);
+        }
+        if let (State::Servoing, Some(quarters)) = (self.state, self.servo.camera_turn()) {
+            self.fail(Fault::turned_camera(quarters));
+        }
+        verdict
+    }
+}
