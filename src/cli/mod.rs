@@ -1,5 +1,6 @@
 //! The command line: arguments -> configuration -> run -> exit code. Results go to stdout, everything else to stderr.
 
+mod all_cores;
 mod arguments;
 mod calibrate;
 mod calibrate_arguments;
