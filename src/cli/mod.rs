@@ -2,6 +2,7 @@
 
 mod all_cores;
 mod arguments;
+mod benchmark;
 mod calibrate;
 mod calibrate_arguments;
 mod camera;
@@ -40,6 +41,7 @@ pub use arguments::{
     ExperimentArguments, HandEyeArguments, LatencyArguments, LogArguments, RoleArguments, RoleCli,
     RunArguments, ServeArguments, TeachArguments, TeachViewArguments,
 };
+pub use benchmark::BenchmarkArguments;
 pub use calibrate_arguments::{
     BoardArguments, CalibrateCameraArguments, CalibrateStereoArguments, LensModelArgument, OddCoefficients,
 };
@@ -131,6 +133,7 @@ pub fn main() -> ExitCode {
         Some(Command::TeachView(arguments)) => teach_view::teach_view(&arguments),
         Some(Command::Check { config, set, json }) => check::check(config.as_deref(), &set, json),
         Some(Command::Place(arguments)) => place::place(&arguments),
+        Some(Command::Benchmark(arguments)) => benchmark::benchmark(&arguments),
         Some(Command::Tune(arguments)) => tune::tune(&arguments),
         Some(Command::View(arguments)) => view::view(&arguments),
         Some(Command::Doctor { json, jitter_s }) => Ok(doctor::doctor(json, jitter_s)),
