@@ -143,8 +143,7 @@ fn scores_are_those_of_the_trace() {
 /// speed from which it comes to rest within 2 e d: with the jerk J that takes at most (12 e d / J)^(1/3).
 #[test]
 fn nothing_settles_before_the_least_time() {
-    let xarm =
-        "file = \"xarm7\"\ncount = 3\nstart = { roll_deg = { from = -40.0, to = 40.0 }, aside_m = 0.1 }";
+    let xarm = "file = \"xarm7\"\ncount = 3\nstart = { roll_deg = { from = -40.0, to = 40.0 }, aside_m = { from = 0.02, to = 0.08 }, ahead_m = 0.1 }";
     for task in [ROLLS, xarm] {
         for task in &flown(&suite(task).unwrap()).tasks {
             for law in &task.laws {
