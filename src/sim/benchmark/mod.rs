@@ -19,8 +19,8 @@ pub use page::{LawTime, benchmark_page};
 pub use results::{BenchmarkResults, LawResult, LawSummary, TaskResult};
 pub use score::{RunScores, fly};
 pub use suite::{
-    BenchmarkLaw, BenchmarkPlace, BenchmarkScore, BenchmarkSuite, BenchmarkTask, SHIPPED_SUITES, Spread,
-    Spreads,
+    BenchmarkLaw, BenchmarkPlace, BenchmarkScore, BenchmarkSuite, BenchmarkTask, BenchmarkValue,
+    BenchmarkValues, SHIPPED_SUITES,
 };
 
 use crate::sim::SimError;

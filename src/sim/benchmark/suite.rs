@@ -58,7 +58,7 @@ const LAW: [&str; 2] = ["servo.", "motion."];
 /// A value of a task: one, one drawn evenly, or each of a list.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(try_from = "Value")]
-pub enum Spread {
+pub enum BenchmarkValue {
     /// This one.
     Fixed(Value),
     /// `{ from = .., to = .. }`: drawn for each start, evenly.
@@ -67,7 +67,7 @@ pub enum Spread {
     Each(Vec<Value>),
 }
 
-impl TryFrom<Value> for Spread {
+impl TryFrom<Value> for BenchmarkValue {
     type Error = String;
 
     fn try_from(value: Value) -> Result<Self, String> {
@@ -97,7 +97,7 @@ pub(super) fn float(value: &Value) -> Option<f64> {
     value.as_float().or_else(|| value.as_integer().map(|i| i as f64))
 }
 
-impl Spread {
+impl BenchmarkValue {
     /// All that it names: the ends of a range.
     fn named(&self) -> Vec<Value> {
         match self {
@@ -109,7 +109,7 @@ impl Spread {
 }
 
 /// Values by their names.
-pub type Spreads = BTreeMap<String, Spread>;
+pub type BenchmarkValues = BTreeMap<String, BenchmarkValue>;
 
 /// By what laws are compared that bring equally many starts home.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
@@ -168,16 +168,16 @@ pub struct BenchmarkTask {
     pub hold_s: f64,
     /// Where the camera starts, against the goal; empty: as the run file says.
     #[serde(default)]
-    pub start: Spreads,
+    pub start: BenchmarkValues,
     /// Keys of the run file that are true, and known.
     #[serde(default)]
-    pub world: Spreads,
+    pub world: BenchmarkValues,
     /// What is believed wrongly; the goal is then one that was shown.
     #[serde(default)]
-    pub believed: Spreads,
+    pub believed: BenchmarkValues,
     /// Keys of the run file that every law is told.
     #[serde(default)]
-    pub asked: Spreads,
+    pub asked: BenchmarkValues,
 }
 
 // Chosen by hand: ten times what velocity laws take on the shipped arms; ten times the noise of four dots there and more; the time in which the default gain
@@ -227,7 +227,7 @@ pub struct BenchmarkPlace {
 pub(super) type BenchmarkCase = BTreeMap<(&'static str, String), Value>;
 
 impl BenchmarkTask {
-    fn tables(&self) -> [(&'static str, &Spreads); 4] {
+    fn tables(&self) -> [(&'static str, &BenchmarkValues); 4] {
         [("start", &self.start), ("world", &self.world), ("believed", &self.believed), ("asked", &self.asked)]
     }
 
@@ -236,7 +236,7 @@ impl BenchmarkTask {
         let mut cases = vec![BenchmarkCase::new()];
         for (table, spreads) in self.tables() {
             for (name, spread) in spreads {
-                let Spread::Each(values) = spread else { continue };
+                let BenchmarkValue::Each(values) = spread else { continue };
                 let with = |case: &BenchmarkCase, value: &Value| {
                     let mut case = case.clone();
                     case.insert((table, name.clone()), value.clone());
@@ -259,11 +259,11 @@ impl BenchmarkTask {
         random: &mut Random,
     ) -> BTreeMap<String, Value> {
         let spreads = self.tables().into_iter().find(|(name, _)| *name == table).map(|(_, spreads)| spreads);
-        let value = |(name, spread): (&String, &Spread)| {
+        let value = |(name, spread): (&String, &BenchmarkValue)| {
             let value = match spread {
-                Spread::Fixed(value) => value.clone(),
-                Spread::Between(from, to) => Value::Float(random.between(*from, *to)),
-                Spread::Each(_) => case.get(&(table, name.clone()))?.clone(),
+                BenchmarkValue::Fixed(value) => value.clone(),
+                BenchmarkValue::Between(from, to) => Value::Float(random.between(*from, *to)),
+                BenchmarkValue::Each(_) => case.get(&(table, name.clone()))?.clone(),
             };
             Some((name.clone(), value))
         };
@@ -303,7 +303,7 @@ impl BenchmarkTask {
         let cases: usize = self.tables().iter().flat_map(|(_, spreads)| spreads.values()).fold(
             1,
             |n, spread| match spread {
-                Spread::Each(values) => n.saturating_mul(values.len()),
+                BenchmarkValue::Each(values) => n.saturating_mul(values.len()),
                 _ => n,
             },
         );
