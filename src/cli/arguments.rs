@@ -1,6 +1,7 @@
 //! The arguments, as clap reads them.
 #![allow(rustdoc::broken_intra_doc_links)] // the words of commands have brackets
 
+use super::benchmark::BenchmarkArguments;
 pub use super::calibrate::HandEyeArguments;
 use super::calibrate_arguments::{CalibrateCameraArguments, CalibrateStereoArguments};
 pub use super::camera_arguments::CameraArguments;
@@ -139,6 +140,8 @@ pub enum Command {
     Place(PlaceArguments),
     /// Search values with which simulated runs settle sooner, and tell what they cost in calm and margins
     Tune(TuneArguments),
+    /// Measure the laws on tasks of visual servoing, with truth, starts and seeds from a file: tables, a page, benchmark.json
+    Benchmark(BenchmarkArguments),
     /// Draw what the camera sees at the start and at the goal of a run
     View(ViewArguments),
     /// Examine whether this machine is fit for 1 kHz: kernel, limits, clock, and wake-up latency

@@ -1,6 +1,8 @@
 //! The command line: arguments -> configuration -> run -> exit code. Results go to stdout, everything else to stderr.
 
+mod all_cores;
 mod arguments;
+mod benchmark;
 mod calibrate;
 mod calibrate_arguments;
 mod camera;
@@ -41,6 +43,7 @@ pub use arguments::{
     ExperimentArguments, HandEyeArguments, LatencyArguments, LogArguments, RoleArguments, RoleCli,
     RunArguments, ServeArguments, TeachArguments, TeachViewArguments,
 };
+pub use benchmark::BenchmarkArguments;
 pub use calibrate_arguments::{
     BoardArguments, CalibrateCameraArguments, CalibrateStereoArguments, LensModelArgument, OddCoefficients,
 };
@@ -134,6 +137,7 @@ pub fn main() -> ExitCode {
         Some(Command::TeachView(arguments)) => teach_view::teach_view(&arguments),
         Some(Command::Check { config, set, json }) => check::check(config.as_deref(), &set, json),
         Some(Command::Place(arguments)) => place::place(&arguments),
+        Some(Command::Benchmark(arguments)) => benchmark::benchmark(&arguments),
         Some(Command::Tune(arguments)) => tune::tune(&arguments),
         Some(Command::View(arguments)) => view::view(&arguments),
         Some(Command::Doctor { json, jitter_s }) => Ok(doctor::doctor(json, jitter_s)),

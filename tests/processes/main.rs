@@ -2,6 +2,7 @@
 
 mod arms;
 mod bad_input;
+mod benchmark;
 mod broken_output;
 mod calibrate_camera;
 mod calibrate_hand_eye;
