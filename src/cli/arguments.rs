@@ -1,6 +1,7 @@
 //! The arguments, as clap reads them.
 #![allow(rustdoc::broken_intra_doc_links)] // the words of commands have brackets
 
+use super::benchmark::BenchmarkArguments;
 pub use super::calibrate::HandEyeArguments;
 use super::calibrate_arguments::{CalibrateCameraArguments, CalibrateStereoArguments};
 pub use super::camera_arguments::CameraArguments;
@@ -13,6 +14,7 @@ use super::place_arguments::{PlaceArguments, ViewArguments};
 use super::target::TargetArguments;
 use super::tool_arguments::{PoseArguments, ProcessArguments, StereoCommand};
 use super::tune::TuneArguments;
+use super::watch::WatchArguments;
 use super::{completion, record::RecordArguments, replay::ReplayArguments};
 use crate::camera_model::Response;
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -77,6 +79,8 @@ pub enum Command {
     Record(RecordArguments),
     /// Watch a running instance in this terminal, and start, hold, stop and teach it by keys
     Monitor(MonitorArguments),
+    /// Show a running instance in a browser: its image, errors, joints, latencies and events, and nothing to press
+    Watch(WatchArguments),
     /// Run control, or vision, again on what was recorded, and compare bit for bit
     Replay(ReplayArguments),
     /// Tell in words how a run went: what limited its speed, what made it fail, which key to change
@@ -136,6 +140,8 @@ pub enum Command {
     Place(PlaceArguments),
     /// Search values with which simulated runs settle sooner, and tell what they cost in calm and margins
     Tune(TuneArguments),
+    /// Measure the laws on tasks of visual servoing, with truth, starts and seeds from a file: tables, a page, benchmark.json
+    Benchmark(BenchmarkArguments),
     /// Draw what the camera sees at the start and at the goal of a run
     View(ViewArguments),
     /// Examine whether this machine is fit for 1 kHz: kernel, limits, clock, and wake-up latency

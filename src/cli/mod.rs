@@ -1,6 +1,8 @@
 //! The command line: arguments -> configuration -> run -> exit code. Results go to stdout, everything else to stderr.
 
+mod all_cores;
 mod arguments;
+mod benchmark;
 mod calibrate;
 mod calibrate_arguments;
 mod camera;
@@ -16,6 +18,7 @@ mod drive_ur;
 mod emulate;
 mod explain;
 mod export;
+mod misspelt;
 mod monitor;
 mod place;
 mod place_arguments;
@@ -33,12 +36,15 @@ mod tool_arguments;
 mod tune;
 mod uncalibrated;
 mod view;
+mod watch;
+mod watched_run;
 
 pub use arguments::{
     Calibration, CameraArgument, CameraArguments, CellArguments, Cli, Command, DetectArguments, DoArguments,
     ExperimentArguments, HandEyeArguments, LatencyArguments, LogArguments, RoleArguments, RoleCli,
     RunArguments, ServeArguments, TeachArguments, TeachViewArguments,
 };
+pub use benchmark::BenchmarkArguments;
 pub use calibrate_arguments::{
     BoardArguments, CalibrateCameraArguments, CalibrateStereoArguments, LensModelArgument, OddCoefficients,
 };
@@ -58,18 +64,20 @@ pub use tool_arguments::{
     StereoMotionArguments, StereoRectifyArguments, StereoTriangulateArguments, TriangulationMethod,
 };
 pub use tune::TuneArguments;
+pub use watch::WatchArguments;
 
 use crate::config::assemble::require_controllable;
-use crate::config::{Config, Draft, SHIPPED_FILES, ShippedFile};
+use crate::config::{Config, Draft};
 use crate::experiment;
-use crate::input::{nearest, printable};
+use crate::input::printable;
 use crate::ipc::{Instance, Role};
 use crate::messages::CameraId;
 use crate::process::supervisor::RunOutputs;
 use crate::process::{self, NewReport, ProcessError, ReportFolder, StopFlag, run_report, supervisor};
 use crate::report::summary::Summary;
 use crate::rt::{self, print, tell};
-use clap::{CommandFactory, Parser};
+use clap::Parser;
+use misspelt::misspelt;
 use std::ffi::OsString;
 use std::fs::File;
 use std::io::stdin;
@@ -110,6 +118,7 @@ pub fn main() -> ExitCode {
         Some(Command::Control(arguments)) => role(Role::Control, &arguments),
         Some(Command::Record(arguments)) => record::record(&arguments),
         Some(Command::Monitor(arguments)) => monitor::monitor(&arguments),
+        Some(Command::Watch(arguments)) => watch::watch(&arguments),
         Some(Command::Replay(arguments)) => replay::replay(&arguments),
         Some(Command::Explain(arguments)) => explain::explain(&arguments),
         Some(Command::Export(arguments)) => export::export(&arguments),
@@ -130,6 +139,7 @@ pub fn main() -> ExitCode {
         Some(Command::TeachView(arguments)) => teach_view::teach_view(&arguments),
         Some(Command::Check { config, set, json }) => check::check(config.as_deref(), &set, json),
         Some(Command::Place(arguments)) => place::place(&arguments),
+        Some(Command::Benchmark(arguments)) => benchmark::benchmark(&arguments),
         Some(Command::Tune(arguments)) => tune::tune(&arguments),
         Some(Command::View(arguments)) => view::view(&arguments),
         Some(Command::Doctor { json, jitter_s }) => Ok(doctor::doctor(json, jitter_s)),
@@ -197,23 +207,6 @@ fn log_format_last(mut arguments: Vec<OsString>) -> Vec<OsString> {
 fn log_as_asked(arguments: &LogArguments) {
     rt::start_logging(arguments.log_format.as_deref().and_then(|form| form.parse().ok()));
     iceoryx2::prelude::set_log_level(iceoryx2::prelude::LogLevel::Error);
-}
-
-/// What is said where a word stands in the place of a command and is none, nor a run file.
-fn misspelt(word: Option<&Path>) -> Option<String> {
-    let path =
-        word.filter(|path| !path.exists() && path.extension().is_none() && path.components().count() == 1)?;
-    let word = path.to_str().filter(|word| ShippedFile::find(word).is_none())?;
-    let commands = Cli::command();
-    let commands = commands.get_subcommands().filter(|c| !c.is_hide_set()).map(clap::Command::get_name);
-    let meant = match nearest(word, commands) {
-        Some(command) => format!("did you mean `vservo {command}`?"),
-        None => match nearest(word, SHIPPED_FILES.iter().map(|file| file.name)) {
-            Some(file) => format!("did you mean the run file `{file}`?"),
-            None => "`vservo --help` lists commands, `vservo config --list` run files".into(),
-        },
-    };
-    Some(format!("`{}` is no command, no file and no shipped run file: {meant}", printable(word)))
 }
 
 /// Tells what is allowed in a run file but hardly meant.

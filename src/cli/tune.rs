@@ -1,5 +1,6 @@
 //! `vservo tune [CONFIG] [KEY=LOW..HIGH]... [--out FILE.toml] [--chart FILE.svg]`: values with which simulated runs settle sooner.
 
+use super::all_cores::{cores, on_threads};
 use super::place::run_file_table;
 use super::{check_writable, completion, json, shown, write_result};
 use crate::config::assemble::require_controllable;
@@ -13,8 +14,6 @@ use clap::Args;
 use clap_complete::engine::ArgValueCandidates;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// What is searched where nothing is named: the gain, and the one to which it is reduced near the goal. Chosen by hand, around their defaults of 15
 /// and 2 1/s: outside, the arm's limits or the camera's delay decide.
@@ -226,28 +225,10 @@ impl TuneBench<'_> {
 
     /// Simulates all of them, on as many threads as there are cores.
     fn run_all(&self, all: &[Vec<f64>]) -> Vec<TuneTrial> {
-        let (next, found) = (AtomicUsize::new(0), Mutex::new(vec![None; all.len()]));
-        let work = || {
-            while let Some((i, values)) =
-                Some(next.fetch_add(1, Ordering::Relaxed)).and_then(|i| Some((i, all.get(i)?)))
-            {
-                let done = self.figures(values, &[]);
-                if let Ok(mut found) = found.lock()
-                    && let Some(place) = found.get_mut(i)
-                {
-                    *place = done;
-                }
-            }
-        };
-        let cores = std::thread::available_parallelism().map_or(1, usize::from);
-        std::thread::scope(|scope| {
-            for _ in 1..cores.min(all.len()) {
-                scope.spawn(work);
-            }
-            work();
-        });
-        let found = found.into_inner().unwrap_or_default();
-        all.iter().zip(found).map(|(values, figures)| TuneTrial { values: values.clone(), figures }).collect()
+        on_threads(cores(), all, |values| TuneTrial {
+            values: values.clone(),
+            figures: self.figures(values, &[]),
+        })
     }
 }
 

@@ -3,10 +3,10 @@
 
 use super::reach;
 use crate::config::{Clock, Config};
-use crate::ipc::{Instance, IpcError, Receiver, Role, Services};
+use crate::ipc::{Instance, IpcError, QuietFrameReceiver, ReceivedFrame, Receiver, Role, Services};
 use crate::messages::{CameraHealth, CameraId, Measurement, Status, TraceMsg};
 use crate::monitor::{CellFacts, RunView};
-use crate::process::{LeftoversGuard, ProcessError};
+use crate::process::{LeftoversGuard, ProcessError, frame_shape};
 use crate::report::run_page::JointSummary;
 use crate::time::MonoNs;
 
@@ -17,7 +17,8 @@ pub struct RunWatch {
     traces: Receiver<TraceMsg>,
     measurements: Receiver<Measurement>,
     health: Vec<(CameraId, Receiver<CameraHealth>)>,
-    _services: Services,
+    images: Option<QuietFrameReceiver>,
+    services: Services,
     instance: Instance,
     // a run that ended meanwhile could not remove what this had open
     _place: LeftoversGuard,
@@ -40,10 +41,29 @@ impl RunWatch {
             traces: services.trace_view().map_err(crowded)?,
             measurements: services.measurement_view(config.camera.id).map_err(crowded)?,
             health: cameras.collect::<Result<_, IpcError>>().map_err(crowded)?,
-            _services: services,
+            images: None,
+            services,
             instance: instance.clone(),
             _place: place,
         })
+    }
+
+    /// The same, to which the images of the first camera come too.
+    ///
+    /// # Errors
+    /// As for [`Self::join`].
+    pub fn with_images(mut self, config: &Config) -> Result<Self, ProcessError> {
+        let images = self.services.frame_view(config.camera.id, frame_shape(config));
+        self.images = Some(images.map_err(|error| reach::crowded(&self.instance, error))?);
+        Ok(self)
+    }
+
+    /// The newest image since the last look, where images were asked for. It lies in shared memory, and is to be given back soon.
+    ///
+    /// # Errors
+    /// When shared memory fails.
+    pub fn image(&self) -> Result<Option<ReceivedFrame>, ProcessError> {
+        Ok(self.images.as_ref().map(QuietFrameReceiver::receive).transpose()?.flatten())
     }
 
     /// Takes everything that came, at `now`, into `view`. Whether the goal may be another one than the known one.
@@ -83,6 +103,7 @@ impl CellFacts {
             instance: instance.to_string(),
             lockstep: config.clock == Clock::Lockstep,
             serves: config.serve,
+            has_keys: true,
             joints: config.robot.joints.iter().map(JointSummary::of).collect(),
             image_px: [i.width_px, i.height_px].map(f64::from),
             goal_error_px: config.goal.feature_error_px,

@@ -33,7 +33,8 @@ const FEW_EVENTS: usize = 3;
 /// Heights of a bar in a cell, in eighths, as Unicode has them.
 const BARS: [char; 9] = [' ', '▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];
 /// Upper edges of the histogram's bars, us.
-const EDGES_US: [f64; 11] = [20.0, 50.0, 100.0, 150.0, 200.0, 300.0, 500.0, 750.0, 1000.0, 2000.0, 10_000.0];
+pub(super) const EDGES_US: [f64; 11] =
+    [20.0, 50.0, 100.0, 150.0, 200.0, 300.0, 500.0, 750.0, 1000.0, 2000.0, 10_000.0];
 
 /// Draws a run as it is at `now` by the watcher's clock; `asks`: whether a stop is to be confirmed.
 #[must_use]
@@ -157,8 +158,8 @@ fn error_curve(
     let mut plot = DotPlot::new(row + 1, column + LABEL, columns - LABEL, rows - 1);
     let (dots_x, dots_y) = plot.dots();
     let shown: Vec<f64> = {
-        let skip = view.errors_px.len().saturating_sub(dots_x as usize);
-        view.errors_px.iter().skip(skip).copied().collect()
+        let skip = view.errors.len().saturating_sub(dots_x as usize);
+        view.errors.iter().skip(skip).map(|(_, px)| *px).collect()
     };
     let tolerance = view.facts.goal_error_px;
     let all = || shown.iter().copied().chain(Some(tolerance)).filter(|x| *x > 0.0);
@@ -254,11 +255,7 @@ fn histogram(screen: &mut Screen, row: usize, view: &RunView) {
         screen.text(row, 0, text, CellStyle::Faint);
         return;
     }
-    let mut counts = [0; EDGES_US.len() + 1];
-    for (edge_us, count) in times.buckets_us() {
-        // a bucket belongs where its upper edge lies
-        counts[EDGES_US.iter().position(|edge| edge_us <= *edge).unwrap_or(EDGES_US.len())] += count;
-    }
+    let counts = tick_counts(times);
     let quantile = |q| times.quantile_ns(q) as f64 * 1e-3;
     let text = format!(
         "deadline to command us: p50 {:.0} p99 {:.0} max {:.0} ",
@@ -276,6 +273,16 @@ fn histogram(screen: &mut Screen, row: usize, view: &RunView) {
     }
     let style = if missed > 0 { CellStyle::Doubtful } else { CellStyle::Plain };
     screen.text(row, at, &format!("  {missed} missed"), style);
+}
+
+/// Ticks up to each of [`EDGES_US`], and above the last.
+pub(super) fn tick_counts(times: &SpanHistogram) -> [u64; EDGES_US.len() + 1] {
+    let mut counts = [0; EDGES_US.len() + 1];
+    for (edge_us, count) in times.buckets_us() {
+        // a bucket belongs where its upper edge lies
+        counts[EDGES_US.iter().position(|edge| edge_us <= *edge).unwrap_or(EDGES_US.len())] += count;
+    }
+    counts
 }
 
 fn cameras(view: &RunView, now: MonoNs) -> StyledLine {

@@ -31,6 +31,8 @@ pub struct CellFacts {
     pub lockstep: bool,
     /// Whether the run serves requests.
     pub serves: bool,
+    /// Whether who watches has the monitor's keys.
+    pub has_keys: bool,
     /// The joints, with their limits.
     pub joints: Vec<JointSummary>,
     /// Columns and rows of the image.
@@ -62,10 +64,14 @@ pub struct RunView {
     pub(super) goal_px: BTreeMap<u32, [f64; 2]>,
     /// Where each point was.
     pub(super) trails: BTreeMap<u64, VecDeque<[f64; 2]>>,
-    /// Feature errors, px, oldest first.
-    pub(super) errors_px: VecDeque<f64>,
+    /// Feature errors, oldest first: when, s, and px.
+    pub(super) errors: VecDeque<(f64, f64)>,
+    /// How many there were, those counted that are no longer kept.
+    pub(super) errors_seen: u64,
     /// When something happened, s, and what.
     pub(super) events: VecDeque<(f64, String)>,
+    /// How many there were.
+    pub(super) events_seen: u64,
     /// Deadline of a tick to its command.
     pub(super) tick_times: SpanHistogram,
     /// Exposure to command.
@@ -125,7 +131,8 @@ impl RunView {
         if record.flags & trace_flag::MEASUREMENT != 0 {
             self.latencies.record(record.commanded - record.exposure);
             if record.feature_error_px.is_finite() {
-                keep(&mut self.errors_px, record.feature_error_px, MOST_ERRORS);
+                keep(&mut self.errors, (time_s, record.feature_error_px), MOST_ERRORS);
+                self.errors_seen += 1;
             }
         }
     }
@@ -176,6 +183,7 @@ impl RunView {
 
     fn event(&mut self, time_s: f64, what: String) {
         keep(&mut self.events, (time_s, what), MOST_EVENTS);
+        self.events_seen += 1;
     }
 
     /// The state of control.
@@ -208,6 +216,7 @@ impl RunView {
         } else {
             format!("a view of the target: {}", target.as_str())
         };
+        let start = if self.facts.has_keys { ": s" } else { "" };
         let tolerance = format!("{} px for {} s", self.facts.goal_error_px, self.facts.hold_s);
         match ControlState::from_code(s.state) {
             ControlState::Waiting => (format!("waits for {view}"), false),
@@ -223,13 +232,17 @@ impl RunView {
             ControlState::Stopped => ("the run is over".into(), true),
             ControlState::Fault => {
                 let fault = self.trace.and_then(|trace| Fault::from_code(trace.fault));
-                let after = if self.facts.serves { "; see to its cause, then r" } else { "" };
-                (fault.map_or_else(|| "a fault".into(), |f| f.describe().to_owned()) + after, false)
+                let after = match (self.facts.serves, self.facts.has_keys) {
+                    (false, _) => "",
+                    (true, true) => "; see to its cause, then r",
+                    (true, false) => "; see to its cause, then `vservo ctl reset`",
+                };
+                (fault.map_or("a fault", Fault::describe).to_owned() + after, false)
             }
-            ControlState::Idle => ("waits for a start: s".into(), true),
+            ControlState::Idle => (format!("waits for a start{start}"), true),
             ControlState::Teaching => (format!("takes the present view as its goal; waits for {view}"), true),
             ControlState::Stopping => ("comes to rest".into(), true),
-            ControlState::Held => ("held on request; waits for a start: s".into(), true),
+            ControlState::Held => (format!("held on request; waits for a start{start}"), true),
             ControlState::Moving => ("moves to a posture that was asked for".into(), true),
         }
     }
@@ -277,7 +290,9 @@ mod tests {
             m.features[0].u_px = k as f64;
             view.measurement(&m, at(0));
         }
-        assert_eq!((view.errors_px.len(), view.errors_px.back()), (MOST_ERRORS, Some(&4999.0)));
+        assert_eq!((view.errors.len(), view.errors_seen), (MOST_ERRORS, 5000));
+        let (time_s, px) = *view.errors.back().unwrap();
+        assert!((time_s - 5.999).abs() < 1e-9 && px == 4999.0, "{time_s} s, {px} px");
         assert_eq!((view.events.len(), view.trails[&0].len()), (MOST_EVENTS, MOST_PLACES));
         assert_eq!(view.events.back().unwrap().1, "waiting -> servoing");
         assert!((view.events.back().unwrap().0 - 5.999).abs() < 1e-9, "times of the run");
@@ -296,7 +311,13 @@ mod tests {
 
     #[test]
     fn it_says_what_a_run_waits_for() {
-        let facts = CellFacts { goal_error_px: 0.05, hold_s: 0.5, rate_hz: 25.0, ..CellFacts::default() };
+        let facts = CellFacts {
+            goal_error_px: 0.05,
+            hold_s: 0.5,
+            rate_hz: 25.0,
+            has_keys: true,
+            ..CellFacts::default()
+        };
         let mut view = RunView::new(facts);
         assert!(view.waits_for(MonoNs(0)).0.contains("first word"));
         let word = |view: &mut RunView, status: Status| {

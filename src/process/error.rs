@@ -184,6 +184,14 @@ pub enum ProcessError {
         "stdout is no terminal that can show a run: ask with `vservo ctl status --json`, or write it down with `vservo record`"
     )]
     NoTerminal,
+    /// An address at which nothing can listen.
+    #[error("cannot listen at {address}: {cause}; choose another port with --port (0: any that is free)")]
+    Listen {
+        /// The address.
+        address: std::net::SocketAddr,
+        /// The system's word for it.
+        cause: std::io::Error,
+    },
     /// The run of another user.
     #[error("instance `{instance}` is another user's run: {path} is {what}; ask as that user", path = path.display())]
     NotYourRun {
@@ -348,6 +356,7 @@ impl ProcessError {
             | Self::DriveLockstep
             | Self::Emulator(_)
             | Self::ForeignProgram { .. }
+            | Self::Listen { .. }
             | Self::Disagree { .. }
             | Self::Ipc(IpcError::Type { .. }) => 3,
             Self::Timeout(_)

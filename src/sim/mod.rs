@@ -1,6 +1,7 @@
 //! Simulated time: the loop over ticks that every simulation shares, and a whole run in one process; what a run has before it
 //! ([`preflight`]), values for it ([`tune`]), and a start and a goal for it ([`place`](mod@place)).
 
+pub mod benchmark;
 mod closed_loop;
 mod hand_eye_session;
 mod perfect_camera;

@@ -84,7 +84,7 @@ pub trait Drives {
 }
 
 /// The drive that the run file names.
-struct ConfiguredDrives;
+pub(super) struct ConfiguredDrives;
 
 impl Drives for ConfiguredDrives {
     fn drive<const N: usize>(&mut self, config: &Config, robot: &Robot<N>) -> Result<AnyDrive<N>, SimError> {

@@ -2,6 +2,7 @@
 
 mod arms;
 mod bad_input;
+mod benchmark;
 mod broken_output;
 mod calibrate_camera;
 mod calibrate_hand_eye;
@@ -54,4 +55,5 @@ mod stereo;
 mod stereo_tool;
 mod torque_safety;
 mod trace;
+mod watch;
 mod wrong_description;

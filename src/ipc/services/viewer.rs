@@ -5,8 +5,8 @@ use super::{
     Channel, HEALTH_BUFFER, IpcError, JOINT_STATE_BUFFER, MEASUREMENT_BUFFER, STATUS_RECORDER_BUFFER,
     Services, TRACE_BUFFER, port_error,
 };
-use crate::ipc::Receiver;
 use crate::ipc::frame_shape::MAX_READERS;
+use crate::ipc::{FrameShape, QuietFrameReceiver, Receiver};
 use crate::messages::{CameraHealth, CameraId, JointState, Measurement, Status, TraceMsg};
 use iceoryx2::prelude::{PortFactory, ZeroCopySend};
 use std::fmt::Debug;
@@ -63,6 +63,16 @@ impl Services {
         self.view(Channel::Health(camera), HEALTH_BUFFER, HEALTH_BUFFER)
     }
 
+    /// A view's end of `camera/N/frame`: the newest only.
+    ///
+    /// # Errors
+    /// As for [`Self::status_view`].
+    pub fn frame_view(&self, camera: CameraId, shape: FrameShape) -> Result<QuietFrameReceiver, IpcError> {
+        let readers = self.frames(camera, shape)?.dynamic_config().number_of_subscribers();
+        leave_a_place(Channel::Frame(camera), readers)?;
+        self.quiet_frame_receiver(camera, shape, 1)
+    }
+
     fn view<T: ZeroCopySend + Debug + Copy>(
         &self,
         service: Channel,
@@ -70,14 +80,16 @@ impl Services {
         buffer: usize,
     ) -> Result<Receiver<T>, IpcError> {
         let readers = self.publish_subscribe::<T>(service, limit)?.dynamic_config().number_of_subscribers();
-        if readers + 1 >= MAX_READERS {
-            return Err(port_error(
-                service,
-                format!(
-                    "ExceedsMaxSupportedSubscribers: {readers} read it, and a place is left to a recorder"
-                ),
-            ));
-        }
+        leave_a_place(service, readers)?;
         self.receiver(service, limit, buffer)
     }
+}
+
+/// Refuses where `readers` would leave no place to a recorder.
+fn leave_a_place(service: Channel, readers: usize) -> Result<(), IpcError> {
+    if readers + 1 < MAX_READERS {
+        return Ok(());
+    }
+    let why = format!("ExceedsMaxSupportedSubscribers: {readers} read it, and a place is left to a recorder");
+    Err(port_error(service, why))
 }

@@ -19,6 +19,7 @@ fn watched() -> RunView {
         hold_s: 0.5,
         rate_hz: 25.0,
         serves: true,
+        has_keys: true,
         ..CellFacts::default()
     };
     let mut view = RunView::new(facts);
