@@ -6,7 +6,7 @@
 //! ```text
 //! X(phi) = R_z(-phi) X R_z(phi)
 //! ```
-//! Where one of the latter is seen and the former is not, the mount is turned. Errors of depth, lens, stamps, or an object that moves look like none of them.
+//! Where one of the latter is seen and the former is not, whatever the depth is, the mount is turned. Errors of lens and stamps, or an object that moves, look like none of them.
 
 use super::{SetPoint, View};
 use crate::geometry::Pose;
@@ -23,6 +23,10 @@ const GIVEN_UP: f64 = 8.0;
 const TURNS: u16 = 36;
 /// Share of the square of the displacement that may be left where a camera is believed: another is left by turns of 15 degrees. Chosen by hand: coarse descriptions are none of the ones below.
 const EXPLAINED: f64 = 0.06;
+/// Depths that are tried with the believed camera, as powers of this of the believed one, and how many on either side: from a seventh to seven times. Chosen by hand: a target that is believed a fifth
+/// or five times as large as it is moves the image by its turns otherwise than by its translations, which a turned camera explains better than the believed one with the believed depth.
+const DEPTH_STEP: f64 = 1.19;
+const DEPTHS: i32 = 11;
 /// Share of what the believed camera leaves that a turned one may leave. Chosen by hand.
 const BETTER: f64 = 0.1;
 /// Least turn that turns a law away, rad. Measured: laws for the image converge with 50 degrees on every shipped arm, and with 90 on none.
@@ -56,7 +60,20 @@ impl MotionAgreement {
             self.is_judged = moved > GIVEN_UP * JUDGED;
             return;
         }
-        self.is_judged = left < EXPLAINED * seen * seen || moved > GIVEN_UP * JUDGED;
+        // Translations count by their share of the depth.
+        let of_depth = |k: i32| {
+            let mut X_CB = X_CB;
+            X_CB.translation.vector *= DEPTH_STEP.powi(k);
+            feature_motion(&base, &X_CB, view, set_point).map_or(left, |motion| motion.left)
+        };
+        let is_explained = |left: f64| left < EXPLAINED * seen * seen;
+        // Mostly the first is.
+        let left =
+            if is_explained(left) { left } else { (-DEPTHS..=DEPTHS).map(of_depth).fold(left, f64::min) };
+        self.is_judged = is_explained(left) || moved > GIVEN_UP * JUDGED;
+        if is_explained(left) {
+            return;
+        }
         let least = (1..TURNS).filter_map(|k| {
             let turn = TAU * f64::from(k) / f64::from(TURNS);
             let Z = Pose::new(Vector3::zeros(), Vector3::z() * turn);
@@ -65,7 +82,7 @@ impl MotionAgreement {
         });
         let best = least.min_by(|(a, _), (b, _)| a.total_cmp(b));
         self.turn = best.and_then(|(turned, turn)| {
-            let is_sure = turned < (BETTER * left).min(EXPLAINED * seen * seen);
+            let is_sure = turned < BETTER * left && is_explained(turned);
             (is_sure && (TURNED..=TAU - TURNED).contains(&turn)).then_some(turn)
         });
         self.is_judged |= self.turn.is_some();
@@ -152,6 +169,32 @@ mod tests {
             }
         }
         assert_eq!(judged([0.0, 0.003, 0.0], [0.0; 3], [0.3, -0.3, 0.2], [0.0; 3]).1, None);
+    }
+
+    /// A target that is larger or smaller than it is believed: the way of the camera is another part of its distance.
+    #[test]
+    fn wrong_depths_are_no_turns() {
+        let points = POINTS.map(|(x, y)| Point3::new(x, y, 0.0));
+        let goal = Pose::new([-0.05, -0.05, 0.4].into(), [0.0; 3].into());
+        let set_point = SetPoint::from_pose(&goal, &points).unwrap();
+        for scale in [0.2, 0.5, 2.0, 5.0] {
+            for (step, turn) in [
+                ([0.003, 0.001, 0.0], [0.0, 0.003, 0.0]),
+                ([0.003, 0.001, 0.0], [0.0, -0.006, 0.0]),
+                ([-0.001, 0.004, 0.003], [0.01, 0.01, 0.02]),
+                ([0.002, 0.002, -0.004], [-0.004, 0.004, 0.0]),
+            ] {
+                let mut agreement = MotionAgreement::default();
+                for k in 0..40 {
+                    let by = |a: [f64; 3]| Vector3::from(a) * f64::from(k);
+                    let camera = Pose::new(by(step), by(turn));
+                    let seen = perfect_measurement(&points, &camera.inv_mul(&goal), MonoNs::ZERO).unwrap();
+                    let believed = Pose::new(by(step) * scale, by(turn));
+                    agreement.note(&View::of(&seen, &set_point).unwrap(), &believed, &set_point);
+                }
+                assert_eq!(agreement.quarters(), None, "{scale} {step:?} {turn:?}");
+            }
+        }
     }
 
     #[test]
