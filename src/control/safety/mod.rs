@@ -10,13 +10,13 @@
 //! | a joint does not follow its reference over 400 ms, or is farther from it than `tracking_error` | likewise |
 //! | a joint swings about its reference (under a law that outputs torques there is none): four times within 0.5 s, with 0.5 rad/s and more | likewise |
 //! | a drive that obeys velocities does not do as commanded: what a joint moved differs from it by more than `max_tracking_error` in sum, half of what it moved forgiven | likewise |
+//! | the first motion of the image is that of a camera which is turned by 70 degrees and more against its mount (`servo/motion_agreement.rs`) | likewise |
 //! | something touches the arm: a torque from outside of nine standard deviations, or a drive's lag of as many (`safety.contact`) | likewise; goes back by what it pressed or more, or floats |
 //! | commands had to be changed before the drive for 100 ms, or are not finite | likewise |
 //! | any end of a run: goal, time, request, fault | the reference slows down within its limits, and the run ends when the measured arm is at rest (`run_end`) |
 //! | `max_missed_deadlines_in_a_row` ticks missed in a row | protective stop: reference slows down, arm holds, run ends as fault |
 //! | the measured arm still moves 3 s after its reference came to rest | the run ends as fault, with the last command |
-//! | the first motion of the image is that of a camera which is turned by 70 degrees and more against its mount (`servo/motion_agreement.rs`) | likewise |
-//! | a stop is latched (`ipc/stop_word.rs`) | likewise |
+//! | a stop is latched (`ipc/stop_word.rs`) | the reference slows down, the run ends as fault |
 //! | the companion takes no trace for 3 s | likewise: no measurement and no order arrives any more, and nothing else would end the run |
 //! | lockstep: a measurement does not come for 10 s | reference slows down, arm holds, run ends as fault |
 //! | external drive: states stop, drive leaves, hangs or answers out of step | as for NaN; in lockstep, where no state comes without a drive, the run is over |
@@ -89,7 +89,7 @@ pub enum Fault {
 }
 
 impl Fault {
-    /// All faults, with their codes in the protocol of the messages; those of a drive count from 17. A code never changes its meaning.
+    /// All faults, with their codes in the protocol of the messages; those of a drive are 17 to 20. A code never changes its meaning.
     const CODES: [(Self, u32); 21] = [
         (Self::DriveStateNotFinite, 1),
         (Self::DriveStateImplausible, 2),

@@ -3,7 +3,7 @@
 //! share is not.
 //!
 //! Each joint has a Kalman filter with two states: the disturbance `d`, a random walk (loads, masses), and `c`, which is nearly constant. Its
-//! measurement is the torque residual `rho` between the joint's motion and the predicted one, in units of the model's Coulomb friction:
+//! measurement is the torque residual `rho` between the joint's motion and the predicted one, in units of the Coulomb friction that is compensated, which where no file tells of friction is a small share of what is looked for:
 //!
 //! ```text
 //! rho = d - c F + noise        d and c here are the errors of the present estimates
@@ -27,7 +27,7 @@ const MAX_SHARE: f64 = 2.0;
 pub(super) struct TorqueResidual {
     /// Torque by which the joint's motion differs from the predicted one.
     pub(super) rho: f64,
-    /// Friction of the model, which was compensated.
+    /// Friction that was confirmed, without the share that is learnt here.
     pub(super) friction: f64,
     /// Torque that accelerates the joint. An unknown load makes it uncertain by up to its own amount.
     pub(super) inertial: f64,
