@@ -17,10 +17,10 @@ use crate::config::{Config, ConfigError, Scene};
 use crate::control::outcome::Outcome;
 use crate::control::trace::Trace;
 use crate::geometry::{Pose, rotation_angle};
+use crate::mission::truth::Truth;
 use crate::robot::Robot;
-use crate::scene::SceneMotion;
 use crate::sim::{Drives, Moment, SimError, SystemRun, simulate_system_with};
-use crate::time::{MonoNs, SpanNs, TICK};
+use crate::time::{MonoNs, TICK};
 use nalgebra::{Point3, SVector, Vector2, Vector3};
 use serde::Serialize;
 use std::ops::ControlFlow::{self, Break, Continue};
@@ -99,7 +99,7 @@ struct PathPoint {
 struct Judgement<'a, const N: usize> {
     task: &'a BenchmarkTask,
     scene: &'a Scene,
-    robot: Robot<N>,
+    truth: Truth<N>,
     X_DO: Pose,
     points: Vec<Point3<f64>>,
     goal_px: Vec<Option<Vector2<f64>>>,
@@ -120,7 +120,7 @@ impl<'a, const N: usize> Judgement<'a, N> {
         Self {
             task,
             scene,
-            robot,
+            truth: Truth { robot, mount: scene.mount, X_WO: scene.X_WO, motion: scene.motion },
             X_DO,
             points,
             goal_px,
@@ -142,12 +142,9 @@ impl<'a, const N: usize> Judgement<'a, N> {
 
     fn note(&mut self, trace: &Trace) {
         let js = &trace.joint_state;
-        let q = SVector::<f64, N>::from_fn(|i, _| {
-            js.q.get(i).copied().unwrap_or_default() + self.scene.q_offset.get(i).copied().unwrap_or_default()
-        });
-        let since = trace.time - MonoNs::ZERO;
-        let X_WO = self.object(since);
-        let X_CO = self.scene.mount.X_WC(&self.robot.forward(&q)).inv_mul(&X_WO);
+        // What encoders with steps and offsets report is not where the arm is.
+        let q = SVector::<f64, N>::from_fn(|i, _| js.q_true.get(i).copied().unwrap_or_default());
+        let X_CO = self.truth.X_CO(&q, trace.time - MonoNs::ZERO);
         let px: Vec<Option<Vector2<f64>>> =
             self.points.iter().map(|p| self.scene.camera.project(&(X_CO * p))).collect();
         let squares = px
@@ -170,19 +167,12 @@ impl<'a, const N: usize> Judgement<'a, N> {
             // far outside is as bad as behind the camera
             self.margin_px = self.margin_px.min(room.max(-w));
         }
-        let power = trace.command.tau.iter().zip(&js.qd).take(N).map(|(tau, qd)| (tau * qd).abs());
+        let power = trace.command.tau.iter().zip(&js.qd_true).take(N).map(|(tau, qd)| (tau * qd).abs());
         self.energy_j += power.sum::<f64>() * TICK.as_s();
         if (self.errors.len() as u64 - 1).is_multiple_of(PATH_TICKS)
             && let Some(px) = px.into_iter().collect()
         {
             self.path.push(PathPoint { px, p_OC: X_CO.inverse().translation.vector });
-        }
-    }
-
-    fn object(&self, since: SpanNs) -> Pose {
-        match self.scene.motion {
-            SceneMotion::Still => self.scene.X_WO,
-            motion => motion.object_at(&self.scene.X_WO, since),
         }
     }
 
