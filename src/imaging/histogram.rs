@@ -53,7 +53,8 @@ impl Histogram {
         &self.bins
     }
 
-    /// Otsu's threshold: the one with the greatest variance between the classes; of equals the middle one.
+    /// Otsu's threshold: the one with the greatest variance between the classes; the middle one of those that part the pixels alike, and of
+    /// other equals the darkest.
     /// `None` when all pixels have one level, or there are none.
     #[must_use]
     pub fn otsu(&self) -> Option<Otsu> {
@@ -80,7 +81,7 @@ impl Histogram {
             let d = n * dark_sum as f64 - dark as f64 * sum as f64;
             let between = d * d / (dark as f64 * (total - dark) as f64);
             match &mut best {
-                Some((value, _, last)) if between == *value => *last = level,
+                Some((value, _, last)) if between == *value && level == *last + 1 => *last = level,
                 Some((value, ..)) if between <= *value => {}
                 _ => best = Some((between, level, level)),
             }
@@ -207,6 +208,13 @@ mod tests {
         assert!((119..=120).contains(&otsu.threshold), "{otsu:?}");
         assert_eq!((otsu.dark_mean, otsu.light_mean), (40.0, 200.0));
         assert!((otsu.separability - 1.0).abs() < 1e-12);
+    }
+
+    /// Two splits that are as good as each other, and one between them that is worse: the middle is no split of theirs.
+    #[test]
+    fn of_two_best_splits_one_is_taken() {
+        let otsu = Histogram::of(&ImageView::new(&[0, 90, 110, 200], 4, 1).unwrap()).otsu().unwrap();
+        assert_eq!((otsu.dark_mean, otsu.light_mean), (0.0, 400.0 / 3.0), "{otsu:?}");
     }
 
     #[test]
