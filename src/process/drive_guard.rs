@@ -8,7 +8,7 @@
 
 use super::{ProcessError, StopFlag, follow_parent};
 use crate::ipc::{Instance, Role};
-use crate::rt::now;
+use crate::rt::{now, tell};
 use crate::time::SpanNs;
 use rustix::process::{Pid, Signal, getpid, kill_process, set_parent_process_death_signal};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
@@ -16,9 +16,13 @@ use std::path::PathBuf;
 use std::process::{Command, ExitStatus};
 use std::time::Duration;
 
-/// Time that the program has to end by itself on request, before it is killed, and the period at which that is looked at. Chosen by hand: less
-/// than the 0.6 s that a supervisor gives its own children, and enough to close files.
+/// Time that a camera's program has to end by itself on request, before it is killed. Chosen by hand: less than the 0.6 s that a supervisor gives
+/// its own children, and enough to close files.
 const GRACE: SpanNs = SpanNs(400_000_000);
+/// The same of a drive's program, which may still wait for its arm's rest. Chosen by hand: `vservo-drive-ur` waits 3 s for that, and then ends its program on
+/// the robot; a robot whose states come slowly took 0.5 s.
+pub(super) const GRACE_OF_DRIVE: SpanNs = SpanNs(4_000_000_000);
+/// Period at which the program is looked at. Chosen by hand: a user does not notice a hundredth of a second.
 const PERIOD: Duration = Duration::from_millis(5);
 
 /// Tells the program of an external camera which one it is.
@@ -43,13 +47,14 @@ pub fn run(
     let [program, arguments @ ..] = command else { return Ok(0) };
     let of_camera = std::env::var_os(CAMERA_VARIABLE).is_some();
     let key = program_key(of_camera);
+    let grace = if of_camera { GRACE } else { GRACE_OF_DRIVE };
     let folder = std::env::current_dir().unwrap_or_default();
     let failed = |cause| ProcessError::ForeignProgram { key, program: program.clone(), folder, cause };
     let mut command = Command::new(beside_this_program(program));
     command.args(arguments);
     end_with_parent(&mut command);
     let mut child = command.spawn().map_err(failed)?;
-    let mut asked = None;
+    let (mut asked, mut told) = (None, false);
     loop {
         if let Ok(Some(status)) = child.try_wait() {
             // Without a supervisor whoever leaves last cleans up.
@@ -64,7 +69,10 @@ pub fn run(
                     asked = Some(now());
                     let _ = kill_process(pid, Signal::TERM);
                 }
-                Some(at) if now() - at > GRACE => {
+                Some(at) if now() - at > grace => {
+                    if !std::mem::replace(&mut told, true) {
+                        tell(format_args!("{program}: does not end within {} s, and is killed", grace.as_s()));
+                    }
                     let _ = kill_process(pid, Signal::KILL);
                 }
                 Some(_) => {}

@@ -214,7 +214,8 @@ fn states_and_gaps_are_counted() {
     let robot = robot(Series::ESeries);
     let r = run_with("urcounts", &robot, &[]);
     let text = r.text();
-    let line = text.lines().find(|l| l.contains("states,") && l.contains("missed")).expect("a report");
+    let line = text.lines().find(|l| l.contains("states,") && l.contains("missed"));
+    let line = line.unwrap_or_else(|| panic!("no report of the drive: {text}"));
     let words: Vec<_> = line.split_whitespace().collect();
     let at = words.iter().position(|w| *w == "states,").unwrap();
     let (states, missed): (f64, f64) = (words[at - 1].parse().unwrap(), words[at + 1].parse().unwrap());

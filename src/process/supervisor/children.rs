@@ -6,6 +6,7 @@ use super::{RunOutputs, Watch};
 use crate::config::Config;
 use crate::config::{CameraProgram, Clock, DriveKind, DriveProgram, Source};
 use crate::ipc::{Instance, Role};
+use crate::process::drive_guard::GRACE_OF_DRIVE;
 use crate::process::{ProcessError, seeing_cameras, seeing_roles};
 use crate::report::summary::{ProcessUsage, Summary};
 use crate::rt::{now, tell};
@@ -23,6 +24,8 @@ const SHUTDOWN_OF_CONTROL: SpanNs = SpanNs(8_000_000_000);
 const SLOWEST_DRIVE: f64 = 10.0;
 /// Time in which the other processes end: they notice a stop within 50 ms. Chosen by hand; those that do not are killed.
 const SHUTDOWN_OF_OTHERS: SpanNs = SpanNs(600_000_000);
+/// The same of a drive's program: what its guard gives it, and time for the guard.
+const SHUTDOWN_OF_DRIVE: SpanNs = SpanNs(GRACE_OF_DRIVE.0 + 200_000_000);
 /// The same where vision has images to write. Chosen by hand: hundreds of PNG files on a slow disk.
 const SHUTDOWN_WITH_IMAGES: SpanNs = SpanNs(15_000_000_000);
 /// The same of a recorder. Chosen by hand: what may wait for a disk is 64 MB, which a slow one writes in that time.
@@ -163,11 +166,15 @@ impl Drop for Children<'_> {
     }
 }
 
-/// Asks `children` to end, and kills those that have not after `patience`.
+/// Asks `children` to end, and kills those that have not after `patience`, of a drive's program after its own.
 fn end_all(children: &mut [Child], patience: SpanNs) {
     children.iter_mut().for_each(Child::terminate);
-    let deadline = now() + patience;
-    while children.iter_mut().any(|c| c.poll().is_none()) && now() < deadline {
+    let start = now();
+    let patience_with = |child: &Child| match child.role() {
+        Role::Drive => patience.max(SHUTDOWN_OF_DRIVE),
+        _ => patience,
+    };
+    while children.iter_mut().any(|c| c.poll().is_none() && now() - start < patience_with(c)) {
         std::thread::sleep(Duration::from_millis(2));
     }
     for child in children {

@@ -37,8 +37,8 @@ use std::time::Duration;
 use tracing::error;
 
 /// Time that the children of a supervisor that was just killed have to bring the arm to rest and end. Chosen by hand: braking takes less than
-/// 2 s within the limits of the shipped arms.
-const PREDECESSOR: SpanNs = SpanNs(5_000_000_000);
+/// 2 s within the limits of the shipped arms, and a drive's program may take 4 s after it.
+const PREDECESSOR: SpanNs = SpanNs(7_000_000_000);
 /// Time from the orderly end of an external drive's program to that of control, and the period at which the children are watched. Chosen by hand:
 /// control looks for a silent drive after 0.5 s and then ends, and the rest is for a loaded machine; a user does not notice a hundredth of a second.
 const DRIVE_LEAVES: SpanNs = SpanNs(2_000_000_000);
