@@ -199,7 +199,7 @@ impl<const N: usize> Controller<N> {
 
     /// Restarts the supervision of following, because the state of the drive is an old one.
     pub fn follow_anew(&mut self) {
-        self.watch.restart();
+        self.watch.late();
         self.contact_watch.late();
     }
 

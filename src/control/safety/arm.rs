@@ -4,7 +4,7 @@
 //! | --- | --- |
 //! | the state is not finite | its numbers |
 //! | the state is implausible | positions and speeds far outside range and limit; a jump that no speed explains |
-//! | positions and velocities contradict each other: one of them is frozen | their displacements over 300 ticks |
+//! | positions and velocities contradict each other: one of them is frozen | their displacements over 300 ms of states that are not late |
 //! | a joint is too fast | its displacement over some ticks, against its velocity limit |
 //! | a joint does not follow | its displacement over some ticks, against that of its reference |
 //! | a joint oscillates | the signs of its velocity error ([`super::swing`]) |
@@ -33,8 +33,11 @@ const FASTEST: f64 = 1.5;
 const ABSURD_SPEED: f64 = 10.0;
 /// Displacements below this are encoder noise, rad or m. In the speed window it allows 0.25 rad/s more.
 const JITTER: f64 = 5e-3;
-/// Ticks over which positions and velocities are compared.
-const GLIDE: usize = 300;
+/// Time over which positions and velocities are compared.
+const GLIDE: SpanNs = SpanNs(300_000_000);
+/// Longest time without a new state over which the velocity is taken for the mean of those before and after. At 10 rad/s2 a joint may have gone 6 mrad further,
+/// less than half of what [`CONTRADICTION`] allows; after more time the comparison begins anew.
+const GLIDE_GAP: SpanNs = SpanNs(50_000_000);
 /// Positions and velocities contradict each other when their displacements differ by more than this, rad or m, plus this share of the
 /// larger of them. In the comparison's 0.3 s this allows a velocity offset of 0.05 rad/s.
 const CONTRADICTION: f64 = 0.015;
@@ -61,6 +64,8 @@ pub struct ArmWatch<const N: usize> {
     filled: usize,
     /// The displacement by the velocities.
     glide: Glide<N>,
+    /// The next state is one that came before.
+    is_late: bool,
     follow: Follow<N>,
     swing: SwingWatch<N>,
 }
@@ -68,13 +73,14 @@ pub struct ArmWatch<const N: usize> {
 impl<const N: usize> Default for ArmWatch<N> {
     fn default() -> Self {
         let recent = [(MonoNs::ZERO, SVector::zeros()); SPEED_WINDOW];
-        let glide = Glide { way: SVector::zeros(), ticks: 0, from: SVector::zeros(), until: MonoNs::ZERO };
+        let glide = Glide::begin(MonoNs::ZERO, SVector::zeros(), SVector::zeros());
         Self {
             last: None,
             recent,
             next: 0,
             filled: 0,
             glide,
+            is_late: false,
             follow: Follow::default(),
             swing: SwingWatch::default(),
         }
@@ -84,6 +90,7 @@ impl<const N: usize> Default for ArmWatch<N> {
 impl<const N: usize> ArmWatch<N> {
     /// Takes in the drive's state at `now`; returns its fault. An implausible state is not remembered.
     pub fn note(&mut self, now: MonoNs, state: &DriveState<N>, limits: &MotionLimits<N>) -> Option<Fault> {
+        let was_late = std::mem::take(&mut self.is_late);
         if !state.q.iter().chain(state.qd.iter()).all(|x| x.is_finite()) {
             return Some(Fault::DriveStateNotFinite);
         }
@@ -93,7 +100,7 @@ impl<const N: usize> ArmWatch<N> {
         let Some((since, last)) = self.last else {
             self.last = Some((now, state.q));
             self.recent = [(now, state.q); SPEED_WINDOW];
-            (self.glide.from, self.glide.until) = (state.q, now);
+            self.glide = Glide::begin(now, state.q, state.qd);
             return None;
         };
         let passed = (now - since).max(TICK);
@@ -108,7 +115,7 @@ impl<const N: usize> ArmWatch<N> {
                 self.filled = 0;
             }
         }
-        if self.glide.contradicts(now, state) {
+        if !was_late && self.glide.contradicts(now, state) {
             return Some(Fault::DriveStateImplausible);
         }
         let place = self.recent.get_mut(self.next)?;
@@ -140,7 +147,13 @@ impl<const N: usize> ArmWatch<N> {
         self.swing.note(q, way).then_some(Fault::Oscillates)
     }
 
-    /// Restarts the supervision: the arm begins to move, its reference was reset, or its states arrive late.
+    /// The next state is an old one, since no new one has come in time: nothing is told by it of how joints follow.
+    pub fn late(&mut self) {
+        self.restart();
+        self.is_late = true;
+    }
+
+    /// Restarts the supervision: the arm begins to move, or its reference was reset.
     pub fn restart(&mut self) {
         self.follow = Follow::default();
         self.swing.restart();
@@ -153,24 +166,32 @@ impl<const N: usize> ArmWatch<N> {
 struct Glide<const N: usize> {
     /// So far, rad or m.
     way: SVector<f64, N>,
-    ticks: usize,
-    /// Where it began.
+    /// When and where it began.
+    since: MonoNs,
     from: SVector<f64, N>,
-    /// When it was last added to.
+    /// When it was last added to, and the velocity at that time.
     until: MonoNs,
+    qd: SVector<f64, N>,
 }
 
 impl<const N: usize> Glide<N> {
+    fn begin(now: MonoNs, q: SVector<f64, N>, qd: SVector<f64, N>) -> Self {
+        Self { way: SVector::zeros(), since: now, from: q, until: now, qd }
+    }
+
     /// Whether positions and integrated velocities disagree: then one of them is frozen in the drive.
     fn contradicts(&mut self, now: MonoNs, state: &DriveState<N>) -> bool {
-        self.way += state.qd * (now - self.until).as_s();
-        self.until = now;
-        self.ticks += 1;
-        if self.ticks < GLIDE {
+        if now - self.until > GLIDE_GAP {
+            *self = Self::begin(now, state.q, state.qd);
+            return false;
+        }
+        self.way += (self.qd + state.qd) * (0.5 * (now - self.until).as_s());
+        (self.until, self.qd) = (now, state.qd);
+        if now - self.since < GLIDE {
             return false;
         }
         let (integrated, gone) = (self.way, state.q - self.from);
-        *self = Self { way: SVector::zeros(), ticks: 0, from: state.q, until: now };
+        *self = Self::begin(now, state.q, state.qd);
         (0..N).any(|i| {
             let way = gone[i].abs().max(integrated[i].abs());
             (gone[i] - integrated[i]).abs() > CONTRADICTION + CONTRADICTING_SHARE * way
@@ -292,6 +313,23 @@ mod tests {
         for k in 0..400 {
             let q = 2.0 * 1e-3 * f64::from(k / 15 * 15);
             assert_eq!(watch.note(at(k), &state(q, 1.9), &limits()), None, "{k}");
+        }
+    }
+
+    /// A state that is held because none comes says nothing of where the joint is now.
+    #[test]
+    fn states_that_come_late_contradict_nothing() {
+        for (period, fresh) in [(8, 1), (40, 10), (300, 100)] {
+            let (mut watch, mut held) = (ArmWatch::default(), state(0.0, 2.0));
+            for k in 0..6000 {
+                let t = f64::from(k) * 1e-3;
+                if k % period < fresh {
+                    held = state(0.5 * (4.0 * t).sin(), 2.0 * (4.0 * t).cos());
+                } else {
+                    watch.late();
+                }
+                assert_eq!(watch.note(at(k), &held, &limits()), None, "{period}: {k}");
+            }
         }
     }
 
