@@ -31,6 +31,8 @@ pub struct ServoSettings {
     pub X_WO: Option<Pose>,
     /// Smooth start: rate at which the first velocity is faded in, 1/s; `None` applies it at once.
     pub smooth_start_1_s: Option<f64>,
+    /// Speed of the camera in its first motion, until the image was seen to move as it should, m/s; `None` for no bound.
+    pub first_motion_m_s: Option<f64>,
     /// Secondary task: gain of the motion away from joint limits, 1/s.
     pub limit_avoidance_1_s: Option<f64>,
     /// Keeps the features in the image by modifying the law output.
@@ -65,6 +67,7 @@ impl ServoSettings {
             mount,
             X_WO: None,
             smooth_start_1_s: None,
+            first_motion_m_s: None,
             limit_avoidance_1_s: None,
             visibility: None,
             object: None,

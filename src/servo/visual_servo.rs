@@ -12,12 +12,13 @@ mod hidden_features;
 mod law_answer;
 mod pace;
 
+use super::first_motion::FirstMotion;
 use super::jacobian_learner::JacobianLearner;
 use super::motion_agreement::MotionAgreement;
 use super::unobserved_motion::{LONGEST_SPAN, unobserved_motion};
 use super::{
-    Arm, Convergence, DepthRow, LawOutput, MeasurementVerdict, MovingGoal, ObjectMotion, ServoSettings,
-    SetPoint, Task, TwistTask, UnobservedMotion, UpdatePolicy, View, joint_velocity,
+    Arm, Convergence, DepthRow, LawOutput, MeasurementVerdict, MountError, MovingGoal, ObjectMotion,
+    ServoSettings, SetPoint, Task, TwistTask, UnobservedMotion, UpdatePolicy, View, joint_velocity,
 };
 use crate::geometry::Pose;
 use crate::messages::{Measurement, TargetStatus};
@@ -93,6 +94,7 @@ pub struct VisualServo<const N: usize> {
     drift: Option<UnobservedMotion<N>>,
     /// Whether the image moves as the arm's motion should make it.
     agreement: MotionAgreement,
+    first_motion: FirstMotion,
     /// Share of each gain that resolved velocities have; less for an arm that swings about its goal.
     gain_share: f64,
     /// The image Jacobian that is learnt, where the law goes by none that is computed.
@@ -122,6 +124,7 @@ impl<const N: usize> VisualServo<N> {
             path_began: None,
             drift: None,
             agreement: MotionAgreement::default(),
+            first_motion: FirstMotion::default(),
             gain_share: 1.0,
             learner,
         }
@@ -178,8 +181,8 @@ impl<const N: usize> VisualServo<N> {
     /// The next law output starts smoothly again, as the first one did; after a stop or a hold.
     pub fn restart(&mut self) {
         self.start = None;
-        if self.agreement.quarters().is_some() {
-            self.agreement = MotionAgreement::default();
+        if self.agreement.error().is_some() {
+            (self.agreement, self.first_motion) = Default::default();
         }
         if let Some(learner) = &mut self.learner {
             learner.interrupt();
@@ -259,8 +262,9 @@ impl<const N: usize> VisualServo<N> {
         if !partial {
             self.q_whole = Some(q);
         }
+        self.first_motion.note(&X_WC);
         if self.object.is_none() && !supposed {
-            self.agreement.note(&view, &X_WC, &self.goal);
+            self.agreement.note(exposure, &view, &X_WC, &self.goal);
         }
         let last = LastMeasurement { exposure, view, task, X_WC, partial, supposed };
         self.drift = self.unobserved_motion_until(&last, &q, robot);
@@ -293,11 +297,24 @@ impl<const N: usize> VisualServo<N> {
         Some(UnobservedMotion { dq, from, span })
     }
 
-    /// By how many quarters the camera is turned about its optical axis against its mount, 1 to 3, by how the image moved with the arm's first motion; `None` where it is not. Each law leads away
-    /// from its goal then.
+    /// How the camera's mount is wrong, by how the image moved with the arm's first motion; `None` where it is not. Each law leads away from its goal then.
     #[must_use]
-    pub fn camera_turn(&self) -> Option<u8> {
-        self.agreement.quarters()
+    pub fn mount_error(&self) -> Option<MountError> {
+        self.agreement.error()
+    }
+
+    /// The share of the joint velocity `qd` (rad/s or m/s), 0 to 1, with which the first motion of a camera at `X_WC` with the Jacobian `J` is slow enough
+    /// ([`ServoSettings::first_motion_m_s`]). 1 where the object moves or the Jacobian is learnt, since then nothing is known of how the image should move.
+    pub fn first_motion_share(
+        &mut self,
+        qd: &SVector<f64, N>,
+        (X_WC, J): (&Pose, &CameraJacobian<N>),
+    ) -> f64 {
+        let foretold = self.object.is_none() && self.learner.is_none();
+        match self.settings.first_motion_m_s.filter(|_| foretold) {
+            Some(speed) => self.first_motion.share(qd, (X_WC, J), speed, self.agreement.is_judged()),
+            None => 1.0,
+        }
     }
 
     /// Takes the joint motion that the last measurement showed beyond the history; `None` at the next call.

@@ -20,7 +20,8 @@ pub const MS: i64 = 1_000_000;
 
 pub fn config(file: &str, set: &[&str]) -> Config {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config").join(file);
-    let set: Vec<_> = set.iter().map(ToString::to_string).collect();
+    // What goes wrong at a given tick shall meet an arm at speed.
+    let set: Vec<_> = [&["servo.first_motion_m_s=0"], set].concat().iter().map(ToString::to_string).collect();
     Config::load(Some(&path), &set).unwrap_or_else(|e| panic!("{file}: {e}"))
 }
 

@@ -17,7 +17,9 @@ const DAMPING: f64 = 100.0;
 
 fn load(file: &str, set: &[String]) -> Config {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("config/{file}.toml"));
-    Config::load(Some(&path), set).unwrap()
+    // What an arm meets at a given time it shall meet at speed.
+    let set = [&["servo.first_motion_m_s=0".to_owned()], set].concat();
+    Config::load(Some(&path), &set).unwrap()
 }
 
 /// Place and velocity of the flange's origin in B, true ones.

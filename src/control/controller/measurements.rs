@@ -15,8 +15,8 @@ impl<const N: usize> Controller<N> {
         if let Some(drift) = self.servo.take_unobserved_motion() {
             self.joint_control.learn(&drift, now);
         }
-        if let (State::Servoing, Some(quarters)) = (self.state, self.servo.camera_turn()) {
-            self.fail(Fault::turned_camera(quarters));
+        if let (State::Servoing, Some(error)) = (self.state, self.servo.mount_error()) {
+            self.fail(Fault::of_mount(error));
         }
         verdict
     }

@@ -2,6 +2,7 @@
 
 use super::Controller;
 use crate::control::behaviour::{ArmModel, MotionCommand};
+use crate::control::lifecycle::State;
 use crate::drive::{CommandMode, DriveState};
 use crate::motion::{ActingLimits, Limit, ReferenceState, brakeable, damp_singularity};
 use crate::servo::Convergence;
@@ -116,10 +117,10 @@ impl<const N: usize> Controller<N> {
         TickMotion { now: ReferenceState { q: state.q, qd: state.qd, ..after }, limits, follows: false, way }
     }
 
-    /// The motion command, slowed down so that the arm can brake before the goal, while the view is old or uncertain, and near
-    /// singular postures and ends of ranges.
+    /// The motion command, slowed down so that the arm can brake before the goal, while the view is old or uncertain, in the first motion, and
+    /// near singular postures and ends of ranges.
     fn held_back(
-        &self,
+        &mut self,
         q: &SVector<f64, N>,
         requested_qd: &SVector<f64, N>,
         convergence: &Convergence<N>,
@@ -138,11 +139,16 @@ impl<const N: usize> Controller<N> {
             requested_qd *= strength;
             (0..N).for_each(|i| acting.set(Limit::Effort, i));
         }
-        if confidence < 1.0 {
-            requested_qd *= confidence;
+        let (X_WC, J_C) = self.servo.settings().mount.camera(robot, q);
+        let first = match self.state {
+            State::Servoing => self.servo.first_motion_share(&requested_qd, (&X_WC, &J_C)),
+            _ => 1.0,
+        };
+        let trusted = confidence * first;
+        if trusted < 1.0 {
+            requested_qd *= trusted;
             (0..N).for_each(|i| acting.set(Limit::View, i));
         }
-        let J_C = self.servo.settings().mount.camera(robot, q).1;
         let (requested_qd, damping) =
             damp_singularity(robot, q, J_C.matrix(), &requested_qd, &convergence.null_space);
         (requested_qd, acting.with(&damping))

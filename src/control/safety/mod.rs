@@ -35,6 +35,7 @@ pub use freshness::{Freshness, MeasurementWatch};
 pub use rest::RestWatch;
 
 use crate::drive::DriveFault;
+use crate::servo::MountError;
 
 /// The same words for each turn of a camera.
 macro_rules! turned_camera {
@@ -80,6 +81,8 @@ pub enum Fault {
     CameraTurned180,
     /// The same by about 270 degrees.
     CameraTurned270,
+    /// The same as if the camera's axes were others, or had other signs.
+    CameraAxesExchanged,
     /// Somebody latched a stop.
     StopLatched,
     /// Commands would have exceeded the limits, or were not finite.
@@ -90,7 +93,7 @@ pub enum Fault {
 
 impl Fault {
     /// All faults, with their codes in the protocol of the messages; those of a drive are 17 to 20. A code never changes its meaning.
-    const CODES: [(Self, u32); 21] = [
+    const CODES: [(Self, u32); 22] = [
         (Self::DriveStateNotFinite, 1),
         (Self::DriveStateImplausible, 2),
         (Self::TrackingError, 3),
@@ -108,19 +111,21 @@ impl Fault {
         (Self::CameraTurned90, 16),
         (Self::CameraTurned180, 21),
         (Self::CameraTurned270, 22),
+        (Self::CameraAxesExchanged, 23),
         (Self::Drive(DriveFault::Stale), 17),
         (Self::Drive(DriveFault::Left), 18),
         (Self::Drive(DriveFault::Silent), 19),
         (Self::Drive(DriveFault::OutOfStep), 20),
     ];
 
-    /// That of a camera that is turned against its mount by so many quarters, 1 to 3.
+    /// That of a camera whose mount is wrong.
     #[must_use]
-    pub fn turned_camera(quarters: u8) -> Self {
-        match quarters {
-            1 => Self::CameraTurned90,
-            2 => Self::CameraTurned180,
-            _ => Self::CameraTurned270,
+    pub fn of_mount(error: MountError) -> Self {
+        match error {
+            MountError::Turned(0 | 1) => Self::CameraTurned90,
+            MountError::Turned(2) => Self::CameraTurned180,
+            MountError::Turned(_) => Self::CameraTurned270,
+            MountError::OtherAxes => Self::CameraAxesExchanged,
         }
     }
 
@@ -184,6 +189,10 @@ impl Fault {
             Self::CameraTurned90 => turned_camera!("90"),
             Self::CameraTurned180 => turned_camera!("180"),
             Self::CameraTurned270 => turned_camera!("270"),
+            Self::CameraAxesExchanged => {
+                "the image moves as if the camera had other axes than camera.mount says, or some of other signs, so that the arm went away from its goal: see to \
+                 the frame of the mount (z along the optical axis, x to the right of the image, y down), or find it with `vservo calibrate hand-eye`"
+            }
             Self::StopLatched => {
                 "a stop was latched from outside: see to its reason, then `vservo ctl reset`"
             }

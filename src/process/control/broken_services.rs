@@ -125,6 +125,7 @@ fn broken(service: Channel, clock: &str, uses: u32) -> (Result<(), ProcessError>
         "drive.mode=velocity",
         "realtime.policy=off",
         "run.duration_s=2",
+        "servo.first_motion_m_s=0", // the picture of this cell stands still
         "drive.external.answer_timeout_s=1",
     ];
     let clock = format!("run.clock={clock}");
