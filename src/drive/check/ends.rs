@@ -3,7 +3,7 @@
 use super::log::{DriveLog, ProgramExit};
 use super::motion::{PAUSE, STANDS};
 use super::plan::{CREEP_STROKES_S, DriveTrial, PhaseKind};
-use super::rule::{DriveRule, Findings};
+use super::rule::{DriveRule, TrialFindings};
 use crate::messages::{DriveStateMsg, drive_flag};
 use crate::time::{MonoNs, SpanNs};
 
@@ -40,7 +40,7 @@ fn how_ended(code: Option<u8>, words: Option<&String>) -> String {
 }
 
 /// Whether the trial came to its end.
-pub(super) fn course(log: &DriveLog, findings: &mut Findings) {
+pub(super) fn course(log: &DriveLog, findings: &mut TrialFindings) {
     if !log.phases.is_empty() && log.phases.iter().all(|p| !p.kind.is_odd()) {
         // What a pause of this machine's commands does is not the drive's fault.
         let last = log.flagged(drive_flag::LAST).map_or(log.until, |s| s.at);
@@ -59,7 +59,7 @@ pub(super) fn course(log: &DriveLog, findings: &mut Findings) {
 }
 
 /// LAST and what comes before it.
-pub(super) fn end(log: &DriveLog, findings: &mut Findings) {
+pub(super) fn end(log: &DriveLog, findings: &mut TrialFindings) {
     if log.trial != DriveTrial::Motion || log.initial().is_none() {
         return;
     }
@@ -102,7 +102,7 @@ pub(super) fn end(log: &DriveLog, findings: &mut Findings) {
 }
 
 /// What the drive does without commands.
-pub(super) fn silence(log: &DriveLog, findings: &mut Findings) {
+pub(super) fn silence(log: &DriveLog, findings: &mut TrialFindings) {
     let Some(phase) = log.phases_of(|kind| kind == PhaseKind::Silence).next() else { return };
     let ended = match &log.exit {
         ProgramExit::Ended { at, code, words } if *at < phase.to + SpanNs::MILLISECOND => {
@@ -164,7 +164,7 @@ pub(super) fn silence(log: &DriveLog, findings: &mut Findings) {
 }
 
 /// What the drive does on commands that it must not obey.
-pub(super) fn refusal(log: &DriveLog, findings: &mut Findings) {
+pub(super) fn refusal(log: &DriveLog, findings: &mut TrialFindings) {
     let rule = match log.trial {
         DriveTrial::WrongJoints => DriveRule::RefusesJoints,
         DriveTrial::NotFinite => DriveRule::RefusesNumbers,

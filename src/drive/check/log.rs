@@ -1,9 +1,9 @@
 //! What was sent to a drive in one trial, and what came back.
 
+use super::arm::ArmFacts;
 use super::plan::{DriveTrial, PhaseKind};
 use crate::drive::CommandMode;
 use crate::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, drive_flag};
-use crate::robot::JointLimits;
 use crate::time::{MonoNs, SpanNs};
 
 /// As many states may wait for their reader, as the services have it: where so many were taken at once, some before them may have been
@@ -11,34 +11,6 @@ use crate::time::{MonoNs, SpanNs};
 const FULL: u32 = 64;
 /// A stamp that is farther from its arrival is of another clock. Chosen by hand: a thousand periods, and far below the difference of any two clocks.
 pub(super) const OTHER_CLOCK: SpanNs = SpanNs(1_000_000_000);
-
-/// What must be known of a joint.
-#[derive(Debug, Clone, PartialEq)]
-pub struct JointFacts {
-    /// Its name.
-    pub name: String,
-    /// Its limits, rad or m.
-    pub limits: JointLimits,
-    /// Whether it slides.
-    pub prismatic: bool,
-}
-
-/// What must be known of the arm and of the run file.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ArmFacts {
-    /// The joints of the robot file, from the base.
-    pub joints: Vec<JointFacts>,
-    /// Longest wait for the answer to START.
-    pub connect_timeout: SpanNs,
-    /// Age of a state at which a run would end.
-    pub drive_timeout: SpanNs,
-    /// `servo.lead_ms` of the run file.
-    pub lead: SpanNs,
-    /// `drive.mode` of the run file.
-    pub wanted: CommandMode,
-    /// Whether the drive is to answer every command with one state.
-    pub lockstep: bool,
-}
 
 /// A command, and when it was sent.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -6,6 +6,7 @@
 //! A trial is one life of the drive's program: START, something gentle, LAST. Every rule is a function of one log, so that each can be broken in a
 //! test. Lengths and speeds scale with a joint's *stroke*, the distance that a gentle motion takes it: hundredths of a radian, or millimetres.
 
+mod arm;
 mod ends;
 mod log;
 mod motion;
@@ -13,17 +14,18 @@ mod plan;
 mod rule;
 mod stream;
 
+pub use arm::{ArmFacts, JointFacts};
 pub use ends::ENDS_WITHIN;
-pub use log::{ArmFacts, DriveLog, JointFacts, LoggedPhase, ProgramExit, ReceivedState, SentCommand};
+pub use log::{DriveLog, LoggedPhase, ProgramExit, ReceivedState, SentCommand};
 pub use plan::{DriveTrial, PhaseKind, TrialPhase, TrialPlan, departs};
 pub use rule::{DriveRule, RuleFinding, RuleVerdict};
 
-use rule::Findings;
+use rule::TrialFindings;
 
 /// Judges one trial by every rule that it can tell something about.
 #[must_use]
 pub fn judge(log: &DriveLog) -> Vec<RuleFinding> {
-    let mut findings = Findings::new(log.mode);
+    let mut findings = TrialFindings::new(log.mode);
     stream::start(log, &mut findings);
     stream::contents(log, &mut findings);
     stream::counts(log, &mut findings);

@@ -6,7 +6,7 @@
 
 use super::log::{DriveLog, LoggedPhase};
 use super::plan::PhaseKind;
-use super::rule::{DriveRule, Findings};
+use super::rule::{DriveRule, TrialFindings};
 use crate::messages::{DriveStateMsg, MAX_JOINTS, drive_flag};
 use crate::time::{MonoNs, SpanNs, TICK};
 
@@ -53,7 +53,7 @@ fn range(states: &[Timed], j: usize) -> f64 {
 }
 
 /// Rest at the start, and holding.
-pub(super) fn standing(log: &DriveLog, findings: &mut Findings) {
+pub(super) fn standing(log: &DriveLog, findings: &mut TrialFindings) {
     if let Some(answer) = log.initial() {
         let moving =
             log.arm.joints.iter().zip(&answer.state.qd).zip(1..).find_map(|((facts, qd), number)| {
@@ -109,12 +109,12 @@ struct Fit {
 }
 
 /// The positions of one joint that were commanded, as a function of time.
-struct Commanded {
+struct CommandedCurve {
     times: Vec<MonoNs>,
     q_r: Vec<f64>,
 }
 
-impl Commanded {
+impl CommandedCurve {
     fn of(log: &DriveLog, j: usize, from: MonoNs, to: MonoNs) -> Self {
         let ordinary = |flags: u32| flags & (drive_flag::START | drive_flag::LAST) == 0;
         let span = |stamp: MonoNs| stamp >= from && stamp <= to;
@@ -134,7 +134,7 @@ impl Commanded {
     }
 }
 
-fn fit(commanded: &Commanded, states: &[Timed], j: usize) -> Option<Fit> {
+fn fit(commanded: &CommandedCurve, states: &[Timed], j: usize) -> Option<Fit> {
     let step = states.len().div_ceil(FITTED).max(1);
     let samples: Vec<(MonoNs, f64)> =
         states.iter().step_by(step).map(|(t, s)| (*t, joint(&s.q, j))).collect();
@@ -182,7 +182,7 @@ fn velocity(states: &[Timed], j: usize) -> Option<(f64, f64)> {
 }
 
 /// Order, sign, size, lag and velocity of the gentle motions.
-pub(super) fn following(log: &DriveLog, findings: &mut Findings) {
+pub(super) fn following(log: &DriveLog, findings: &mut TrialFindings) {
     let rules = [DriveRule::Order, DriveRule::Sign, DriveRule::Follow, DriveRule::Lag, DriveRule::Velocity];
     let motions: Vec<_> = log.phases_of(|kind| matches!(kind, PhaseKind::Move(_))).collect();
     if motions.is_empty() {
@@ -286,7 +286,7 @@ fn moved(
     called: &str,
     say: &mut impl FnMut(DriveRule, String),
 ) -> Option<(Fit, f64)> {
-    let commanded = Commanded::of(log, j, phase.from, phase.to);
+    let commanded = CommandedCurve::of(log, j, phase.from, phase.to);
     let (low, high) =
         commanded.q_r.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
     let stroke = high - low;

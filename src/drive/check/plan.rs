@@ -8,7 +8,7 @@
 //! A joint goes there and back along `stroke sin^4(pi t / T)`, whose velocity and acceleration begin and end at zero:
 //! at most `1.3 pi/T stroke`, which is 0.1 rad/s.
 
-use super::log::{ArmFacts, JointFacts};
+use super::arm::{ArmFacts, JointFacts};
 use crate::drive::CommandMode;
 use crate::messages::{DriveStateMsg, MAX_JOINTS};
 use crate::time::SpanNs;

@@ -187,12 +187,12 @@ impl RuleFinding {
 }
 
 /// The findings of a trial in the making.
-pub(super) struct Findings {
+pub(super) struct TrialFindings {
     mode: CommandMode,
     pub(super) all: Vec<RuleFinding>,
 }
 
-impl Findings {
+impl TrialFindings {
     pub(super) fn new(mode: CommandMode) -> Self {
         Self { mode, all: Vec::new() }
     }

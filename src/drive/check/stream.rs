@@ -1,7 +1,7 @@
 //! Rules about the stream of states: the answer to START, contents, counts, stamps.
 
 use super::log::{DriveLog, OTHER_CLOCK, ProgramExit, ReceivedState, SentCommand};
-use super::rule::{DriveRule, Findings};
+use super::rule::{DriveRule, TrialFindings};
 use crate::drive::CommandMode;
 use crate::messages::{DriveStateMsg, drive_flag};
 use crate::time::{MonoNs, SpanNs, TICK};
@@ -38,7 +38,7 @@ fn first(log: &DriveLog, wrong: impl Fn(&DriveStateMsg) -> Option<String>) -> Op
 }
 
 /// START and its answers.
-pub(super) fn start(log: &DriveLog, findings: &mut Findings) {
+pub(super) fn start(log: &DriveLog, findings: &mut TrialFindings) {
     let limit = log.arm.connect_timeout;
     let asked = log.flagged(drive_flag::START).map(|s| s.at);
     let answer = log.initial();
@@ -82,7 +82,7 @@ pub(super) fn start(log: &DriveLog, findings: &mut Findings) {
 }
 
 /// What single states contain.
-pub(super) fn contents(log: &DriveLog, findings: &mut Findings) {
+pub(super) fn contents(log: &DriveLog, findings: &mut TrialFindings) {
     if log.received.is_empty() {
         return;
     }
@@ -154,7 +154,7 @@ pub(super) fn contents(log: &DriveLog, findings: &mut Findings) {
 }
 
 /// `sequence` and `tick`.
-pub(super) fn counts(log: &DriveLog, findings: &mut Findings) {
+pub(super) fn counts(log: &DriveLog, findings: &mut TrialFindings) {
     let Some(begin) = log.received.first() else { return };
     let by_us = log.exit != ProgramExit::Unknown;
     let mut broken = (by_us && begin.state.sequence != 0)
@@ -198,7 +198,7 @@ pub(super) fn counts(log: &DriveLog, findings: &mut Findings) {
 }
 
 /// Lockstep: every command has one answer.
-fn answers(log: &DriveLog, findings: &mut Findings) {
+fn answers(log: &DriveLog, findings: &mut TrialFindings) {
     let wanted: Vec<_> =
         log.sent.iter().filter(|s| s.command.flags & (drive_flag::START | drive_flag::LAST) == 0).collect();
     let got: Vec<_> = log.ordinary().collect();
@@ -221,7 +221,7 @@ fn answers(log: &DriveLog, findings: &mut Findings) {
 }
 
 /// Stamps: clock, future, order, rate, age.
-pub(super) fn stamps(log: &DriveLog, findings: &mut Findings) {
+pub(super) fn stamps(log: &DriveLog, findings: &mut TrialFindings) {
     const RULES: [DriveRule; 5] =
         [DriveRule::Clock, DriveRule::Future, DriveRule::Rising, DriveRule::Rate, DriveRule::Age];
     if log.arm.lockstep {
@@ -258,7 +258,7 @@ pub(super) fn stamps(log: &DriveLog, findings: &mut Findings) {
     rate(log, &states, findings);
 }
 
-fn rate(log: &DriveLog, states: &[&ReceivedState], findings: &mut Findings) {
+fn rate(log: &DriveLog, states: &[&ReceivedState], findings: &mut TrialFindings) {
     let end = log.ordinary_end();
     let times: Vec<MonoNs> = states.iter().map(|r| r.at).filter(|at| *at <= end).collect();
     let periods: Vec<SpanNs> = if log.has_other_clock() {
