@@ -158,6 +158,8 @@ def run(arm, ports):
                 next_ns = time.monotonic_ns()
                 ports.send(arm.state(0, next_ns if by_the_clock else c.stamp, INITIAL))
                 continue
+            if c.joints != arm.model.nv or not np.isfinite(c.tau).all():
+                sys.exit(f"mujoco drive: a command of {c.joints} joints, or with numbers that are none: not obeyed")
             arm.obey(c.tau)
             obeyed_ns = time.monotonic_ns()
             if not by_the_clock:

@@ -6,6 +6,7 @@ pub use super::calibrate::HandEyeArguments;
 use super::calibrate_arguments::{CalibrateCameraArguments, CalibrateStereoArguments};
 pub use super::camera_arguments::CameraArguments;
 use super::ctl_arguments::CtlArguments;
+use super::drive::DriveQuestion;
 use super::emulate::EmulateCommand;
 use super::explain::{ExplainArguments, ReportArguments};
 use super::export::ExportArguments;
@@ -71,6 +72,12 @@ pub enum Command {
     Ctl(CtlArguments),
     /// The camera process alone; --list, --probe and --snapshot look at the cameras of this machine
     Camera(CameraArguments),
+    /// Find out whether an external drive keeps to its contract
+    Drive {
+        /// What to find out
+        #[command(subcommand)]
+        question: DriveQuestion,
+    },
     /// The vision process alone
     Vision(RoleArguments),
     /// The control process alone

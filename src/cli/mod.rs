@@ -14,6 +14,7 @@ mod ctl_arguments;
 mod detect;
 mod do_program;
 pub mod doctor;
+mod drive;
 mod drive_ur;
 mod emulate;
 mod explain;
@@ -50,6 +51,7 @@ pub use calibrate_arguments::{
 };
 pub use camera_arguments::{FormatArgument, SizeArgument};
 pub use ctl_arguments::{CtlArguments, CtlCommand, CtlCommon, FixedNumbers, NumberList, SettingArgument};
+pub use drive::{DriveCheckArguments, DriveQuestion};
 pub use drive_ur::{DriveUrCli, drive_ur_main};
 pub use emulate::{EmulateCommand, EmulateUrArguments};
 pub use explain::{ExplainArguments, ReportArguments};
@@ -114,6 +116,7 @@ pub fn main() -> ExitCode {
             Some(result) => result,
             None => role(Role::Camera(CameraId::FIRST), &arguments.into()),
         },
+        Some(Command::Drive { question }) => drive::drive(&question),
         Some(Command::Vision(arguments)) => role(Role::Vision(CameraId::FIRST), &arguments),
         Some(Command::Control(arguments)) => role(Role::Control, &arguments),
         Some(Command::Record(arguments)) => record::record(&arguments),

@@ -11,6 +11,7 @@
 //! | [`ExternalDrive`] | what the process behind it says | another process, over a [`DriveLink`] |
 //! | [`StandstillDrive`] | everything | no arm, or one that does not move: replayed images |
 
+pub mod check;
 mod delay;
 mod disturbances;
 mod elastic_joints;

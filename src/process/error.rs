@@ -64,6 +64,12 @@ pub enum ProcessError {
     /// A run file without a camera that could be looked at.
     #[error("camera.source: is no camera of this machine: set it to \"v4l2\", or name one with --device")]
     NoRealCamera,
+    /// A run file without a drive that could be checked.
+    #[error("drive.kind: is no program of its own: set it to \"external\", or name the program after --")]
+    NoExternalDrive,
+    /// A request to stop came before a drive was checked.
+    #[error("a stop was requested before the drive was checked; its arm was told to stay")]
+    DriveCheckStopped,
     /// A measurement that nobody can mean.
     #[error("--duration-s {0}: must be more than 0 and at most 600")]
     ProbeDuration(f64),
@@ -343,6 +349,7 @@ impl ProcessError {
             | Self::NoSuchCamera { .. }
             | Self::OneVision { .. }
             | Self::NoRealCamera
+            | Self::NoExternalDrive
             | Self::Robot(_)
             | Self::Assemble(_)
             | Self::Scheduling(_)
@@ -371,6 +378,7 @@ impl ProcessError {
             | Self::NotYourRun { .. }
             | Self::Crowded { .. }
             | Self::NoAnswer { .. } => 5,
+            Self::DriveCheckStopped => 6,
             // 128 and the signal, as a shell says it; which signal it was does not matter to whoever sent it.
             Self::Interrupted => 130,
             Self::Instance(error) | Self::Ipc(IpcError::Place(error)) => error.exit_code(),

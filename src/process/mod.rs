@@ -6,6 +6,8 @@ pub mod camera;
 #[cfg(feature = "cli")]
 pub mod control;
 #[cfg(feature = "cli")]
+pub mod drive_check;
+#[cfg(feature = "cli")]
 pub mod drive_guard;
 #[cfg(feature = "cli")]
 pub mod drive_ur;

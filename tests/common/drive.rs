@@ -26,11 +26,18 @@ struct Behaviour {
     tick: u64,
 }
 
+/// Time without commands after which the arm is braked, as a drive should.
+const BRAKES_AFTER: SpanNs = SpanNs(150_000_000);
+
 struct TestDrive {
     drive: SimulatedDrive<N>,
     states: Sender<DriveStateMsg>,
     behaviour: Behaviour,
     sent: u64,
+    /// The last command, and when it came; none while the arm is held by its brakes.
+    obeyed: Option<(DriveCommandMsg, MonoNs)>,
+    /// Whether the arm is braked because no command came.
+    braked: bool,
 }
 
 fn vector(v: &[f64; MAX_JOINTS]) -> SVector<f64, N> {
@@ -42,21 +49,48 @@ impl TestDrive {
         let robot = config.robot.build::<N>().unwrap();
         let q = vservo::config::assemble::q_start(config).unwrap();
         let settings = vservo::config::assemble::simulated_settings(config).unwrap();
-        Self { drive: SimulatedDrive::new(robot, q, settings).unwrap(), states, behaviour, sent: 0 }
+        let drive = SimulatedDrive::new(robot, q, settings).unwrap();
+        Self { drive, states, behaviour, sent: 0, obeyed: None, braked: false }
     }
 
     fn misbehaves(&self, what: &str, tick: u64) -> bool {
         self.behaviour.what == what && tick >= self.behaviour.tick
     }
 
+    /// No drive obeys commands of other joints, or numbers that are none.
+    fn refuses(&self, c: &DriveCommandMsg) -> bool {
+        let finite = c.q_r.iter().chain(&c.qd_r).chain(&c.tau).all(|v| v.is_finite());
+        !self.misbehaves("obeys_all", c.tick) && (c.joints as usize != N || !finite)
+    }
+
+    /// In the modes velocity and position an arm without commands stands; torques are left as they are.
+    fn brake_in_silence(&mut self) {
+        let Some((mut c, at)) = self.obeyed else { return };
+        let silent = rt::now() - at > BRAKES_AFTER && c.mode != CommandMode::Torque as u32;
+        if silent && !self.braked && !self.misbehaves("goes_on", c.tick) {
+            c.q_r[..N].copy_from_slice(self.drive.read(rt::now()).q.as_slice());
+            c.qd_r = Default::default();
+            self.write(&c);
+            self.braked = true;
+        }
+    }
+
+    fn write(&mut self, c: &DriveCommandMsg) {
+        self.drive.write(&DriveCommand { tau: vector(&c.tau), q_r: vector(&c.q_r), qd_r: vector(&c.qd_r) });
+    }
+
     fn obey(&mut self, c: &DriveCommandMsg) {
+        if self.refuses(c) {
+            return;
+        }
+        (self.obeyed, self.braked) = (Some((*c, rt::now())), false);
         if let Some(path) = std::env::var_os("VSERVO_TEST_LOG") {
             use std::io::Write;
             let fastest = c.qd_r[..N].iter().fold(0.0_f64, |m, v| m.max(v.abs()));
             let mut log = std::fs::OpenOptions::new().create(true).append(true).open(path).unwrap();
             writeln!(log, "{fastest}").unwrap();
         }
-        self.drive.write(&DriveCommand { tau: vector(&c.tau), q_r: vector(&c.q_r), qd_r: vector(&c.qd_r) });
+        self.write(c);
     }
 
     fn send(&mut self, tick: u64, stamp: MonoNs, flags: u32) {
@@ -86,6 +120,12 @@ impl TestDrive {
             "three_joints" => m.joints = 3,
             "endless_speed" => m.qd[0] = f64::INFINITY,
             "absurd_place" => m.q[0] = 1e200,
+            "time_of_day" => m.stamp = m.stamp + SpanNs(1_700_000_000_000_000_000),
+            "swapped" => {
+                m.q.swap(0, 1);
+                m.qd.swap(0, 1);
+            }
+            "no_velocity" => m.qd = Default::default(),
             _ => {}
         }
         self.states.send(&m).unwrap();
@@ -134,6 +174,7 @@ fn serve(place: &Place, config: &Config, behaviour: Behaviour) {
             }
         }
         if by_the_clock {
+            drive.brake_in_silence();
             next = next.max(rt::now() - SpanNs(10 * TICK.0)) + TICK;
             rt::sleep_until(next);
             count += 1;

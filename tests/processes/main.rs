@@ -14,6 +14,7 @@ mod common;
 mod detect_and_print;
 #[path = "../common/drive.rs"]
 mod drive;
+mod drive_check;
 mod drive_imperfections;
 mod drive_ur;
 mod dry_run;

@@ -23,7 +23,7 @@ const LOST_CODE: i32 = 1;
 
 /// How a process ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct ProcessEnd(ExitStatus);
+pub(in crate::process) struct ProcessEnd(ExitStatus);
 
 impl From<ExitStatus> for ProcessEnd {
     fn from(status: ExitStatus) -> Self {
@@ -33,7 +33,7 @@ impl From<ExitStatus> for ProcessEnd {
 
 impl ProcessEnd {
     /// Its exit code; `None` when a signal ended it.
-    pub(super) fn exit_code(self) -> Option<u8> {
+    pub(in crate::process) fn exit_code(self) -> Option<u8> {
         self.0.code().and_then(|c| u8::try_from(c).ok())
     }
 }
@@ -53,7 +53,7 @@ impl fmt::Display for ProcessEnd {
 }
 
 /// A started process; killed and reaped when dropped.
-pub(super) struct Child {
+pub(in crate::process) struct Child {
     role: Role,
     process: std::process::Child,
     started: MonoNs,
@@ -121,7 +121,7 @@ impl Child {
     }
 
     /// Starts the program of an external drive or camera, behind its guard: it ends when the supervisor has, but not before control.
-    pub(super) fn spawn_program(
+    pub(in crate::process) fn spawn_program(
         role: Role,
         all: &[String],
         folder: &Path,
@@ -159,7 +159,7 @@ impl Child {
     }
 
     /// How it ended, if it has.
-    pub(super) fn poll(&mut self) -> Option<ProcessEnd> {
+    pub(in crate::process) fn poll(&mut self) -> Option<ProcessEnd> {
         if self.end.is_none() {
             self.reap(false);
         }
@@ -190,14 +190,14 @@ impl Child {
     }
 
     /// Asks it to end.
-    pub(super) fn terminate(&mut self) {
+    pub(in crate::process) fn terminate(&mut self) {
         if self.poll().is_none() {
             let _ = kill_process(Pid::from_child(&self.process), Signal::TERM);
         }
     }
 
     /// Ends it.
-    pub(super) fn kill(&mut self) {
+    pub(in crate::process) fn kill(&mut self) {
         if self.poll().is_none() {
             let _ = kill_process(Pid::from_child(&self.process), Signal::KILL);
         }

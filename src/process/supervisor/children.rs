@@ -24,7 +24,7 @@ const SHUTDOWN_OF_CONTROL: SpanNs = SpanNs(8_000_000_000);
 const SLOWEST_DRIVE: f64 = 10.0;
 /// Time in which the other processes end: they notice a stop within 50 ms. Chosen by hand; those that do not are killed.
 const SHUTDOWN_OF_OTHERS: SpanNs = SpanNs(600_000_000);
-/// The same of a drive's program: what its guard gives it, and time for the guard.
+/// The same of a drive's program: what its guard gives it, and time for the guard, chosen by hand.
 const SHUTDOWN_OF_DRIVE: SpanNs = SpanNs(GRACE_OF_DRIVE.0 + 200_000_000);
 /// The same where vision has images to write. Chosen by hand: hundreds of PNG files on a slow disk.
 const SHUTDOWN_WITH_IMAGES: SpanNs = SpanNs(15_000_000_000);

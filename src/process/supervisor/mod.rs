@@ -8,7 +8,7 @@
 //!        remove leftovers ◄─ reap ◄─ kill what hangs ◄─ the others end ◄─ control has brought the arm to rest ◄┘
 //! ```
 
-mod child;
+pub(super) mod child;
 mod children;
 mod hang_watch;
 mod latch_signal;
@@ -78,14 +78,14 @@ pub fn run(
 }
 
 /// The instance's place in shared memory, cleaned up when dropped.
-struct InstanceGuard {
+pub(super) struct InstanceGuard {
     instance: Instance,
     lock: Option<crate::ipc::RoleLock>,
 }
 
 impl InstanceGuard {
     /// With the effective configuration, as it was written.
-    fn take(config: &Config, instance: &Instance) -> Result<(Self, File), ProcessError> {
+    pub(super) fn take(config: &Config, instance: &Instance) -> Result<(Self, File), ProcessError> {
         let lock = instance.lock(Role::Supervisor)?;
         // Children of a supervisor that was just killed need a moment to end.
         let deadline = now() + PREDECESSOR;
