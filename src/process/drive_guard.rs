@@ -71,7 +71,10 @@ pub fn run(
                 }
                 Some(at) if now() - at > grace => {
                     if !std::mem::replace(&mut told, true) {
-                        tell(format_args!("{program}: does not end within {} s, and is killed", grace.as_s()));
+                        tell(format_args!(
+                            "{program}: does not end within {} s, and is killed",
+                            grace.as_s()
+                        ));
                     }
                     let _ = kill_process(pid, Signal::KILL);
                 }
