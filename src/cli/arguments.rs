@@ -9,6 +9,7 @@ use super::ctl_arguments::CtlArguments;
 use super::emulate::EmulateCommand;
 use super::explain::{ExplainArguments, ReportArguments};
 use super::export::ExportArguments;
+use super::faults::FaultsArguments;
 use super::monitor::MonitorArguments;
 use super::place_arguments::{PlaceArguments, ViewArguments};
 use super::target::TargetArguments;
@@ -142,6 +143,8 @@ pub enum Command {
     Tune(TuneArguments),
     /// Measure the laws on tasks of visual servoing, with truth, starts and seeds from a file: tables, a page, benchmark.json
     Benchmark(BenchmarkArguments),
+    /// Put faults into simulated runs of laws and arms, and tell how each ends and what the arm did: tables, faults.csv
+    Faults(FaultsArguments),
     /// Draw what the camera sees at the start and at the goal of a run
     View(ViewArguments),
     /// Examine whether this machine is fit for 1 kHz: kernel, limits, clock, and wake-up latency
