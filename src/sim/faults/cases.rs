@@ -1,6 +1,6 @@
 //! What a campaign puts wrong, and which ends are right for it.
 //!
-//! Sizes were chosen by hand, so that each fault matters in the motion and could happen in a cell.
+//! The numbers here, sizes and times, were chosen by hand, so that each fault matters in the motion and could happen in a cell.
 
 use crate::control::safety::Fault;
 
@@ -21,18 +21,29 @@ pub struct RightEnds {
     pub faults: &'static [Fault],
     /// The view never comes back: it must hold until its time is over, and nothing else.
     pub only_holds: bool,
+    /// The arm has lost what could brake it: it cannot be asked to rest.
+    pub has_no_brake: bool,
 }
 
 /// It must converge.
-const CONVERGES: RightEnds = RightEnds { faults: &[], only_holds: false };
+const CONVERGES: RightEnds = RightEnds { faults: &[], only_holds: false, has_no_brake: false };
 /// It must hold.
-const HOLDS: RightEnds = RightEnds { faults: &[], only_holds: true };
+const HOLDS: RightEnds = RightEnds { faults: &[], only_holds: true, has_no_brake: false };
 /// What is told of encoders that are not where the arm is.
-const ENCODER: RightEnds =
-    RightEnds { faults: &[Fault::DriveStateImplausible, Fault::TrackingError], only_holds: false };
+const ENCODER: RightEnds = RightEnds {
+    faults: &[Fault::DriveStateImplausible, Fault::TrackingError],
+    only_holds: false,
+    has_no_brake: false,
+};
 /// What is told of an arm that does less than it is told.
-const WEAK: RightEnds =
-    RightEnds { faults: &[Fault::DoesNotFollow, Fault::TrackingError, Fault::Contact], only_holds: false };
+const WEAK: RightEnds = RightEnds {
+    faults: &[Fault::DoesNotFollow, Fault::TrackingError, Fault::Contact],
+    only_holds: false,
+    has_no_brake: false,
+};
+
+/// The same of a motor that does nothing at all.
+const GONE: RightEnds = RightEnds { has_no_brake: true, ..WEAK };
 
 /// One way in which something is wrong.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -75,16 +86,18 @@ pub const FAULT_CASES: &[FaultCase] = &[
         ENCODER,
     ),
     case("encoder-leap", "kind='encoder_spike',duration_s=0.001,size_rad_or_m=0.2,joint=1", ENCODER),
+    case("encoder-freeze-short", "kind='encoder_freeze',duration_s=0.02,joint=1", ENCODER),
     case(
         "encoder-freeze",
         "kind='encoder_freeze',duration_s=100.0,joint=1",
         RightEnds {
             faults: &[Fault::DriveStateImplausible, Fault::TrackingError, Fault::DoesNotFollow],
             only_holds: false,
+            has_no_brake: false,
         },
     ),
     case("encoder-offset", "kind='encoder_offset',duration_s=100.0,size_rad_or_m=0.01,joint=1", ENCODER),
     case("torque-loss", "kind='torque_loss',duration_s=0.6,share=0.3,joint=1", WEAK),
-    case("torque-gone", "kind='torque_loss',duration_s=100.0,share=1.0,joint=1", WEAK),
+    case("torque-gone", "kind='torque_loss',duration_s=100.0,share=1.0,joint=0", GONE),
     case("stale-state", "kind='stale_state',duration_s=1.0,probability=0.3", ENCODER),
 ];

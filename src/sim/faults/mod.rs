@@ -33,7 +33,7 @@ const LATER_S: f64 = 0.15;
 const TIMES: u64 = 4;
 /// True feature error from which on a run that counts as converged is at the wrong place, px. Chosen by hand: twenty times the tolerance of the shipped files.
 const AT_THE_GOAL_PX: f64 = 1.0;
-/// Speed of the true arm up to which it rests, rad/s or m/s: as in `control/safety/rest.rs`, twice, for it may lag behind what was measured.
+/// Speed of the true arm up to which it rests, rad/s or m/s. Chosen by hand: twice the speed of `control/safety/rest.rs`, for what was measured may be old.
 const REST: f64 = 0.04;
 
 /// Why a run of a campaign cannot be flown.
@@ -104,7 +104,7 @@ pub struct FaultRun {
     pub is_right: bool,
     /// How long it was, s.
     pub time_s: f64,
-    /// How long it held for want of measurements, s.
+    /// How long it held for want of measurements, or went back to where it saw the target, s.
     pub held_s: f64,
     /// Fastest true speed of a joint by its limit.
     pub speed_by_limit: f64,
@@ -177,7 +177,7 @@ impl FaultJob {
         let is_there = error_px.is_some_and(|px| px <= AT_THE_GOAL_PX);
         let is_at_rest = plant.last_speed <= REST;
         let ends = &self.case.ends;
-        let is_right = is_at_rest
+        let is_right = (is_at_rest || ends.has_no_brake)
             && match run.finish.outcome {
                 Outcome::Converged => is_there && !ends.only_holds,
                 Outcome::NotConverged => ends.only_holds && plant.ended_holding,
@@ -265,9 +265,10 @@ impl PlantWatch {
         }
         self.fault = trace.fault.or(self.fault);
         if !matches!(trace.state, ControlState::Stopping | ControlState::Stopped) {
-            self.ended_holding = trace.state == ControlState::Holding;
+            // On its way back to where the target was seen it rests as well, where it cannot come nearer.
+            self.ended_holding = matches!(trace.state, ControlState::Holding | ControlState::Returning);
         }
-        self.held += u64::from(trace.state == ControlState::Holding);
+        self.held += u64::from(matches!(trace.state, ControlState::Holding | ControlState::Returning));
         self.ticks += 1;
     }
 }

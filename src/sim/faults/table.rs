@@ -66,7 +66,7 @@ impl FaultTable {
         );
         let _ = writeln!(
             text,
-            "{:<15} {:<7} {:>4} {:>9} {:>4} {:>5} {:>5} {:>5} {:>5} {:>6} {:>6}  reasons",
+            "{:<20} {:<7} {:>4} {:>9} {:>4} {:>5} {:>5} {:>5} {:>5} {:>6} {:>6}  reasons",
             "fault", "law", "runs", "converged", "held", "fault", "right", "rest", "speed", "accel", "jerk"
         );
         for r in &self.rows {
@@ -74,7 +74,7 @@ impl FaultTable {
             let reasons: Vec<String> = r.reasons.iter().map(short).collect();
             let _ = writeln!(
                 text,
-                "{:<15} {:<7} {:>4} {:>9} {:>4} {:>5} {:>5} {:>5} {:>5.2} {:>6.2} {:>6.2}  {}",
+                "{:<20} {:<7} {:>4} {:>9} {:>4} {:>5} {:>5} {:>5} {:>5.2} {:>6.2} {:>6.2}  {}",
                 r.case,
                 r.law,
                 r.runs,
