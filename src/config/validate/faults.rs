@@ -43,6 +43,7 @@ fn fault(
     all: &mut InjectedFaults,
 ) {
     let key = |name: &str| format!("{at}.{name}");
+    let before = check.count_problems();
     let from = SpanNs::from_s(check.range(&key("from_s"), f.from_s, 0.0..=1e5));
     let duration = SpanNs::from_s(check.range(&key("duration_s"), f.duration_s, 1e-3..=1e5));
     let probability = check.range(&key("probability"), f.probability, 0.0..=1.0);
@@ -57,7 +58,7 @@ fn fault(
         check.wrong(&key("kind"), "is missing: say what is wrong, for example kind = \"drop\"");
         return;
     };
-    let window = FaultWindow { from, until: SpanNs(from.0 + duration.0), probability, seed: 0 };
+    let window = FaultWindow { from, until: SpanNs(from.0.saturating_add(duration.0)), probability, seed: 0 };
     let sized = |size: Option<f64>, usual: f64| size.unwrap_or(usual);
     let (takes, of_drive): (&[&str], bool) = match kind {
         FaultKind::Delay => (&["delay_ms"], false),
@@ -85,6 +86,10 @@ fn fault(
     }
     if !of_drive && !raw.camera.source.is_simulated() {
         check.wrong(&key("kind"), "is a fault of a simulated camera: it needs camera.source = \"synthetic\"");
+    }
+    // What is refused is not computed with.
+    if check.count_problems() > before {
+        return;
     }
     let frame = match kind {
         FaultKind::Drop => FrameFault::Drop,
