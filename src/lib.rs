@@ -19,6 +19,7 @@ pub mod control;
 pub mod detect;
 pub mod drive;
 pub mod explain;
+pub mod faults;
 pub mod features;
 pub mod geometry;
 pub mod imaging;

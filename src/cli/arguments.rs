@@ -1,22 +1,18 @@
 //! The arguments, as clap reads them.
 #![allow(rustdoc::broken_intra_doc_links)] // the words of commands have brackets
 
-use super::benchmark::BenchmarkArguments;
 pub use super::calibrate::HandEyeArguments;
 use super::calibrate_arguments::{CalibrateCameraArguments, CalibrateStereoArguments};
 pub use super::camera_arguments::CameraArguments;
-use super::ctl_arguments::CtlArguments;
-use super::drive::DriveQuestion;
-use super::emulate::EmulateCommand;
 use super::explain::{ExplainArguments, ReportArguments};
-use super::export::ExportArguments;
-use super::monitor::MonitorArguments;
 use super::place_arguments::{PlaceArguments, ViewArguments};
-use super::target::TargetArguments;
 use super::tool_arguments::{PoseArguments, ProcessArguments, StereoCommand};
-use super::tune::TuneArguments;
-use super::watch::WatchArguments;
-use super::{completion, record::RecordArguments, replay::ReplayArguments};
+use super::{
+    benchmark::BenchmarkArguments, completion, ctl_arguments::CtlArguments, drive::DriveQuestion,
+    emulate::EmulateCommand, export::ExportArguments, faults::FaultsArguments, monitor::MonitorArguments,
+    record::RecordArguments, replay::ReplayArguments, target::TargetArguments, tune::TuneArguments,
+    watch::WatchArguments,
+};
 use crate::camera_model::Response;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use clap_complete::engine::{ArgValueCandidates, ArgValueCompleter};
@@ -149,6 +145,8 @@ pub enum Command {
     Tune(TuneArguments),
     /// Measure the laws on tasks of visual servoing, with truth, starts and seeds from a file: tables, a page, benchmark.json
     Benchmark(BenchmarkArguments),
+    /// Put faults into simulated runs of laws and arms, and tell how each ends and what the arm did: tables, faults.csv
+    Faults(FaultsArguments),
     /// Draw what the camera sees at the start and at the goal of a run
     View(ViewArguments),
     /// Examine whether this machine is fit for 1 kHz: kernel, limits, clock, and wake-up latency

@@ -19,6 +19,7 @@ mod drive_ur;
 mod emulate;
 mod explain;
 mod export;
+mod faults;
 mod misspelt;
 mod monitor;
 mod place;
@@ -56,6 +57,7 @@ pub use drive_ur::{DriveUrCli, drive_ur_main};
 pub use emulate::{EmulateCommand, EmulateUrArguments};
 pub use explain::{ExplainArguments, ReportArguments};
 pub use export::{ExportArguments, ExportFor};
+pub use faults::FaultsArguments;
 pub use monitor::MonitorArguments;
 pub use place_arguments::{LookArgument, PlaceArguments, ViewArguments};
 pub use record::RecordArguments;
@@ -143,6 +145,7 @@ pub fn main() -> ExitCode {
         Some(Command::Check { config, set, json }) => check::check(config.as_deref(), &set, json),
         Some(Command::Place(arguments)) => place::place(&arguments),
         Some(Command::Benchmark(arguments)) => benchmark::benchmark(&arguments),
+        Some(Command::Faults(arguments)) => faults::faults(&arguments),
         Some(Command::Tune(arguments)) => tune::tune(&arguments),
         Some(Command::View(arguments)) => view::view(&arguments),
         Some(Command::Doctor { json, jitter_s }) => Ok(doctor::doctor(json, jitter_s)),

@@ -9,6 +9,7 @@ use crate::drive::{
     CommandMode, Drive, EncoderModel, IdealDrive, ShakingBase, SimulatedDrive, SimulatedDriveSettings,
     StandstillDrive, TorqueRipple,
 };
+use crate::faults::{JointFaults, MeasurementFaults};
 use crate::imaging::ImageSizeError;
 use crate::linalg::Random;
 use crate::messages::MAX_JOINTS;
@@ -138,7 +139,19 @@ pub fn require_controllable(config: &Config) -> Result<(), AssembleError> {
 /// The vision core of a configuration.
 #[must_use]
 pub fn vision(config: &Config) -> Vision {
-    Vision::new(config.camera.model, config.target.clone(), config.vision)
+    let vision = Vision::new(config.camera.model, config.target.clone(), config.vision);
+    match measurement_faults(config) {
+        Some(faults) => vision.with_faults(faults),
+        None => vision,
+    }
+}
+
+/// The faults of the measurements of a configuration; `None` where it has none.
+fn measurement_faults(config: &Config) -> Option<MeasurementFaults> {
+    let (list, i) = (&config.faults.measurements, config.camera.model.intrinsics());
+    let f_px = Vector2::new(i.fx_px, i.fy_px);
+    let made = || MeasurementFaults::new(list, config.seed, config.camera.rate_hz, f_px);
+    (!list.is_empty()).then(made)
 }
 
 /// The arm and mount of a configuration, by which vision predicts the target.
@@ -178,7 +191,7 @@ pub fn synthetic_camera<const N: usize>(config: &Config) -> Result<SyntheticCame
     let q_start = q_start(config)? + q_offset(scene)?;
     let history = ArmHistory::new(scene.arm.build()?, q_start);
     let renderer = renderer(config)?;
-    Ok(SyntheticCamera::new(
+    let camera = SyntheticCamera::new(
         history,
         renderer,
         scene.mount,
@@ -186,7 +199,8 @@ pub fn synthetic_camera<const N: usize>(config: &Config) -> Result<SyntheticCame
         scene.motion,
         scene.occluders.clone(),
         *motion_blur,
-    ))
+    );
+    Ok(camera.with_faults(config.camera.schedule))
 }
 
 fn q_offset<const N: usize>(scene: &Scene) -> Result<SVector<f64, N>, AssembleError> {
@@ -256,6 +270,7 @@ pub fn simulated_settings<const N: usize>(
         },
         servo: arm.servo,
         surroundings: arm.surroundings,
+        faults: JointFaults::new(&config.faults.joints, config.seed),
     })
 }
 

@@ -53,6 +53,7 @@ pub use wait_for::WaitFor;
 
 use crate::control::safety::ContactReaction;
 use crate::drive::{CommandMode, HardFriction, InnerServo, Payload, ShakingBase, Surroundings, TorqueRipple};
+use crate::faults::InjectedFaults;
 use crate::robot::RobotDescription;
 use crate::servo::{ServoSettings, SetPoint};
 use crate::target::Target;
@@ -108,6 +109,8 @@ pub struct Config {
     pub drive: DriveSettings,
     /// Reactions to faults.
     pub safety: Safety,
+    /// What is put wrong about the simulated parts on purpose.
+    pub faults: InjectedFaults,
     /// Scheduling of the control thread.
     pub realtime: Realtime,
     /// Warnings about values that are allowed but probably unintended, with remedies.

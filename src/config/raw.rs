@@ -9,6 +9,7 @@ use crate::vision::PoseApproach;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
+mod faults;
 mod motion;
 mod servo;
 mod stereo;
@@ -18,6 +19,7 @@ pub(super) use super::frame_source::{LensWord, RawCamera, RawLens, RawRoi};
 pub(super) use super::place::{
     Carrier, MountKind, RawBackdrop, RawBystander, RawMount, RawObject, RawOccluder,
 };
+pub(super) use faults::{FaultKind, RawFault};
 pub use motion::JointControl;
 pub(super) use motion::RawMotion;
 pub(super) use servo::{AreaKind, DampingOn, Depth, FeatureGain, Gains, RawServo};
@@ -59,6 +61,9 @@ table! {
         safety: RawSafety = RawSafety::default(),
         /// `[realtime]`
         realtime: RawRealtime = RawRealtime::default(),
+        /// `[[faults]]`: what is put wrong on purpose
+        #[serde(skip_serializing_if = "Vec::is_empty")]
+        faults: Vec<RawFault> = Vec::new(),
     }
 }
 

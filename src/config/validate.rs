@@ -2,6 +2,7 @@
 
 mod camera;
 mod drive;
+mod faults;
 mod lens;
 mod motion;
 mod start;
@@ -21,6 +22,7 @@ use super::{Camera, Config, Document, GoalTolerance, Problem, Realtime, Realtime
 use crate::control::safety::ContactReaction;
 use crate::drive::CommandMode;
 use crate::mission::requests::{HOLD_S, TOLERANCE_PX};
+use crate::robot::RobotDescription;
 use crate::scene::SceneMotion;
 use crate::servo::ServoSettings;
 use crate::time::SpanNs;
@@ -53,7 +55,7 @@ pub(super) fn validate(
         is_taught: raw.servo.set_point.kind == SetPointKind::Taught,
         measurements: raw.servo.set_point.measurements,
     };
-    let (camera, further_cameras) = camera::cameras(&mut raw, document, check)
+    let (mut camera, mut further_cameras) = camera::cameras(&mut raw, document, check)
         .map_or((None, Vec::new()), |(first, rest)| (Some(first), rest));
     let target = target(&raw.target, check);
     let object = &raw.scene.object;
@@ -165,6 +167,8 @@ pub(super) fn validate(
         }
     }
     let drive = drive::drive(&raw, robot.as_ref(), check);
+    let faults = faults::faults(&raw, robot.as_ref().map(RobotDescription::joint_count), check);
+    faults::give(&faults, raw.run.seed, camera.iter_mut().chain(&mut further_cameras));
     if safety.contact == ContactReaction::Float && drive.mode != CommandMode::Torque {
         let message = format!(
             "is `float`: a drive that obeys {} cannot let the arm be moved by hand; use `release`",
@@ -231,6 +235,7 @@ pub(super) fn validate(
         motion,
         drive,
         safety,
+        faults,
         realtime: Realtime {
             policy: raw.realtime.policy,
             request: RealtimeRequest {

@@ -18,8 +18,9 @@ use super::surroundings::Surroundings;
 use super::{
     CommandMode, Drive, DriveCommand, DriveState, EncoderModel, InnerServo, ShakingBase, TorqueRipple,
 };
+use crate::faults::JointFaults;
 use crate::robot::Robot;
-use crate::time::MonoNs;
+use crate::time::{MonoNs, SpanNs};
 use nalgebra::{SVector, Vector3};
 use thiserror::Error;
 
@@ -81,6 +82,8 @@ pub struct SimulatedDriveSettings<const N: usize> {
     pub servo: InnerServo,
     /// What acts on the arm from outside.
     pub surroundings: Surroundings,
+    /// What is put wrong about its encoders and motors on purpose.
+    pub faults: JointFaults<N>,
 }
 
 impl<const N: usize> Default for SimulatedDriveSettings<N> {
@@ -103,6 +106,7 @@ impl<const N: usize> Default for SimulatedDriveSettings<N> {
             encoder: EncoderModel::exact(),
             servo: InnerServo { natural_frequency_rad_s: 60.0 },
             surroundings: Surroundings::default(),
+            faults: JointFaults::new(&[], 0),
         }
     }
 }
@@ -134,6 +138,7 @@ pub struct SimulatedDrive<const N: usize> {
     servo: VelocityLoop<N>,
     surroundings: Surroundings,
     encoder: Encoder<N>,
+    faults: JointFaults<N>,
 }
 
 impl<const N: usize> SimulatedDrive<N> {
@@ -186,6 +191,7 @@ impl<const N: usize> SimulatedDrive<N> {
             servo: VelocityLoop::new(settings.servo),
             surroundings: settings.surroundings,
             encoder: Encoder::new(settings.encoder),
+            faults: settings.faults,
         })
     }
 
@@ -219,6 +225,7 @@ impl<const N: usize> SimulatedDrive<N> {
         if let Some(ripple) = &self.ripple {
             tau += ripple.torque(&q, |i| self.robot.limits()[i].effort);
         }
+        self.faults.weaken(SpanNs::from_s(self.elapsed_s), &mut tau);
         Some(tau)
     }
 
@@ -284,7 +291,8 @@ impl<const N: usize> Drive<N> for SimulatedDrive<N> {
         }
         self.time = Some(time);
         let (motors, motors_d) = self.motors();
-        let (q, qd) = self.encoder.read(&(motors - self.q_offset), &motors_d, (time - before).as_s());
+        let read = self.encoder.read(&(motors - self.q_offset), &motors_d, (time - before).as_s());
+        let (q, qd) = self.faults.reported(SpanNs::from_s(self.elapsed_s), read);
         DriveState { q, qd, truth: Some((self.q, self.qd)) }
     }
 

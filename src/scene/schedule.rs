@@ -1,6 +1,7 @@
 //! Which frame is exposed when, and when its measurement may be used: the one rule that the camera and a lockstep
 //! control share. Irregular cameras are part of it, so that even lost and late frames repeat.
 
+use crate::faults::FrameFaults;
 use crate::time::{SpanNs, TICK};
 use xxhash_rust::xxh3::xxh3_64_with_seed;
 
@@ -21,6 +22,7 @@ pub struct FrameSchedule {
     period_ns: f64,
     latency: SpanNs,
     irregularity: Irregularity,
+    faults: FrameFaults,
 }
 
 impl FrameSchedule {
@@ -28,7 +30,19 @@ impl FrameSchedule {
     /// the middle of the exposure and the hand-over of the frame.
     #[must_use]
     pub fn new(rate_hz: f64, latency: SpanNs, irregularity: Irregularity) -> Self {
-        Self { period_ns: 1e9 / rate_hz, latency, irregularity }
+        Self { period_ns: 1e9 / rate_hz, latency, irregularity, faults: FrameFaults::default() }
+    }
+
+    /// The same with faults, which count their time from the exposure of frame 0.
+    #[must_use]
+    pub fn with_faults(self, faults: FrameFaults) -> Self {
+        Self { faults, ..self }
+    }
+
+    /// The faults of its frames.
+    #[must_use]
+    pub fn faults(&self) -> FrameFaults {
+        self.faults
     }
 
     /// Middle of the exposure of frame `id`, from that of frame 0.
@@ -40,7 +54,8 @@ impl FrameSchedule {
     /// Middle of the exposure of frame `id` to its hand-over.
     #[must_use]
     pub fn latency(&self, id: u64) -> SpanNs {
-        SpanNs(self.latency.0 + (self.random(id, 1) * self.irregularity.jitter.0 as f64) as i64)
+        let late = self.faults.delay(self.exposure(id), id);
+        SpanNs(self.latency.0 + (self.random(id, 1) * self.irregularity.jitter.0 as f64) as i64 + late.0)
     }
 
     /// By how much a frame may be late beyond its latency.
@@ -52,7 +67,7 @@ impl FrameSchedule {
     /// Whether the camera loses frame `id`.
     #[must_use]
     pub fn is_lost(&self, id: u64) -> bool {
-        self.random(id, 2) < self.irregularity.loss
+        self.random(id, 2) < self.irregularity.loss || self.faults.drops(self.exposure(id), id)
     }
 
     /// The first tick at or after the exposure of frame `id`: the one whose state a lockstep camera shows.
@@ -82,8 +97,9 @@ impl FrameSchedule {
     /// The first tick that may use the measurement of frame `id`. Frames do not overtake one another.
     #[must_use]
     pub fn usable_tick(&self, id: u64) -> u64 {
-        // A later frame is handed over no earlier than those before it. By jitter, so many earlier frames can be later than this one.
-        let reach = (self.irregularity.jitter.0 as f64 / self.period_ns).ceil() as u64;
+        // A later frame is handed over no earlier than those before it. By jitter and faults, so many earlier frames can be later than this one.
+        let late = self.irregularity.jitter.0 + self.faults.longest_delay().0;
+        let reach = (late as f64 / self.period_ns).ceil() as u64;
         let tick = |i| self.exposure_tick(i) + ceil_ticks(self.latency(i));
         (id.saturating_sub(reach)..=id).map(tick).max().unwrap_or(0)
     }
@@ -91,7 +107,7 @@ impl FrameSchedule {
     /// How many frames can be on their way at once in lockstep, with one to spare.
     #[must_use]
     pub fn in_flight(&self) -> usize {
-        let longest = self.latency.0 + self.irregularity.jitter.0;
+        let longest = self.latency.0 + self.irregularity.jitter.0 + self.faults.longest_delay().0;
         (longest as f64 / self.period_ns).ceil() as usize + 2
     }
 

@@ -1,6 +1,7 @@
 //! The synthetic camera: renders the image of a camera that is mounted eye-in-hand or eye-to-hand, from the arm's true motion.
 
-use super::{ArmHistory, Occluder, Renderer, SceneMotion};
+use super::{ArmHistory, FrameSchedule, Occluder, Renderer, SceneMotion};
+use crate::faults::ImageDamage;
 use crate::geometry::Pose;
 use crate::messages::JointState;
 use crate::robot::Mount;
@@ -34,6 +35,10 @@ pub struct SyntheticCamera<const N: usize> {
     origin: Option<MonoNs>,
     motion_blur: bool,
     views: Vec<Pose>,
+    /// When frames are exposed, and the faults of their images; `None` where they have none.
+    damage: Option<(FrameSchedule, ImageDamage)>,
+    /// Middle of the last exposure as it is stamped.
+    stamped: MonoNs,
 }
 
 impl<const N: usize> SyntheticCamera<N> {
@@ -50,7 +55,31 @@ impl<const N: usize> SyntheticCamera<N> {
         motion_blur: bool,
     ) -> Self {
         let views = Vec::with_capacity(MAX_SUB_EXPOSURES);
-        Self { history, renderer, mount, X_WO, motion, occluders, origin: None, motion_blur, views }
+        Self {
+            history,
+            renderer,
+            mount,
+            X_WO,
+            motion,
+            occluders,
+            origin: None,
+            motion_blur,
+            views,
+            damage: None,
+            stamped: MonoNs::ZERO,
+        }
+    }
+
+    /// The same with the faults of the frames of `schedule`.
+    #[must_use]
+    pub fn with_faults(self, schedule: FrameSchedule) -> Self {
+        Self { damage: Some((schedule, ImageDamage::new(schedule.faults()))), ..self }
+    }
+
+    /// The middle of the last exposure that the camera knows: of a frame that is a duplicate that of the one before.
+    #[must_use]
+    pub fn stamped(&self) -> MonoNs {
+        self.stamped
     }
 
     fn view(&self, exposure: &Exposure, offset: SpanNs) -> Pose {
@@ -97,5 +126,11 @@ impl<const N: usize> SyntheticCamera<N> {
         let since = self.since(exposure.mid);
         self.renderer.occlude(self.occluders.iter().filter(|occluder| occluder.is_there(since)).copied());
         self.renderer.render(&self.views, exposure.frame_id, out);
+        self.stamped = exposure.mid;
+        if let Some((schedule, damage)) = &mut self.damage {
+            let frame = (exposure.frame_id, schedule.exposure(exposure.frame_id));
+            let width = self.renderer.camera().intrinsics().width_px as usize;
+            self.stamped = damage.apply(frame, exposure.mid, width, out);
+        }
     }
 }

@@ -4,8 +4,8 @@ use crate::geometry::Pose;
 use crate::robot::CameraJacobian;
 use nalgebra::SVector;
 
-/// Displacement of the camera from which on its motion is not slowed down any more, m, and rad, once it was seen: the first centimetre, and what moves the image as much half a metre before it. Of a turn that is ten
-/// times what is believed ([`super::motion_agreement`]).
+/// Displacement of the camera from which on its motion is not slowed down any more, once it was seen, m, and rad. Chosen by hand: the first centimetre, and the turn that moves the image as much half
+/// a metre before the camera. Either is several times what a wrong mount is told by ([`super::motion_agreement`]).
 const WAY_M: f64 = 0.01;
 const TURN: f64 = 0.02;
 /// Distance at which a point moves at the bounded speed by a turn of the camera, m. Chosen by hand: where targets mostly are.

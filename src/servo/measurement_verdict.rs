@@ -23,7 +23,7 @@ pub enum MeasurementVerdict {
     ImpossiblePose,
     /// Vision found the target, but one pose does not explain its points: see [`TargetStatus::Inconsistent`].
     Inconsistent,
-    /// It is not newer than the last one: repeated, or out of order.
+    /// It is not newer than the last one: repeated, out of order, or of an image that stays the same to a thousandth of a pixel while the camera moves.
     NotNewer,
     /// Its stamp lies too far in the future.
     RefusedFromFuture,

@@ -8,6 +8,7 @@
 mod covariance;
 mod estimated;
 mod feed_forward;
+mod frozen_image;
 mod hidden_features;
 mod law_answer;
 mod pace;
@@ -238,6 +239,9 @@ impl<const N: usize> VisualServo<N> {
         let X_WC = self.settings.mount.X_WC(&robot.forward(&q));
         if self.learner.is_some() {
             return self.learn_from((now, measurement), seen, (&q, &X_WC));
+        }
+        if self.object.is_none() && self.is_frozen(&seen, &X_WC) {
+            return MeasurementVerdict::NotNewer;
         }
         let partial = seen.is_partial();
         let by_motion = if partial && seen.X_CO().is_none() {

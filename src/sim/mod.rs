@@ -1,8 +1,9 @@
 //! Simulated time: the loop over ticks that every simulation shares, and a whole run in one process; what a run has before it
-//! ([`preflight`]), values for it ([`tune`]), and a start and a goal for it ([`place`](mod@place)).
+//! ([`preflight`]), values for it ([`tune`]), a start and a goal for it ([`place`](mod@place)), and what it makes of faults ([`faults`]).
 
 pub mod benchmark;
 mod closed_loop;
+pub mod faults;
 mod hand_eye_session;
 mod perfect_camera;
 pub mod place;

@@ -181,7 +181,7 @@ fn exposed<'a, const N: usize>(
     let image = ImageView::new(pixels, i.width_px as usize, i.height_px as usize)?;
     let header = FrameHeader {
         frame_id: exposure.frame_id,
-        exposure: camera.stamp(exposure.mid),
+        exposure: camera.stamp(source.stamped()),
         camera: camera.id.into(),
         width_px: i.width_px,
         height_px: i.height_px,

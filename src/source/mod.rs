@@ -150,6 +150,11 @@ pub trait ScheduledSource {
     /// # Errors
     /// [`SourceError`]; the source cannot go on after it.
     fn expose(&mut self, exposure: &Exposure, out: &mut [u8]) -> Result<Position, SourceError>;
+
+    /// The middle of `exposure`, which was the last one, as the source knows it: of a frame that is a duplicate that of the one before.
+    fn stamped(&self, exposure: &Exposure) -> MonoNs {
+        exposure.mid
+    }
 }
 
 /// A frame that a free-running source has exposed.
@@ -309,5 +314,9 @@ impl<const N: usize> ScheduledSource for SyntheticCamera<N> {
     fn expose(&mut self, exposure: &Exposure, out: &mut [u8]) -> Result<Position, SourceError> {
         Self::expose(self, exposure, out);
         Ok(Position::Running)
+    }
+
+    fn stamped(&self, _exposure: &Exposure) -> MonoNs {
+        Self::stamped(self)
     }
 }

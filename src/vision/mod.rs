@@ -52,6 +52,7 @@ mod stereo;
 
 use crate::camera_model::{CameraModel, Response};
 use crate::detect::{Finder, PredictedPoint};
+use crate::faults::MeasurementFaults;
 use crate::geometry::Pose;
 use crate::imaging::ImageView;
 use crate::messages::{FrameHeader, Measurement, TargetStatus, frame_flag};
@@ -164,6 +165,8 @@ pub struct Vision {
     /// Number of frames for which a part of the target has been hidden.
     hidden_for: u32,
     lost: u64,
+    /// What is put wrong about its measurements on purpose.
+    faults: Option<MeasurementFaults>,
 }
 
 impl Vision {
@@ -193,8 +196,15 @@ impl Vision {
             errors: Vec::with_capacity(count),
             hidden_for: 0,
             lost: 0,
+            faults: None,
             estimator: PoseEstimator::new(camera, target, settings),
         }
+    }
+
+    /// The same with faults of its measurements.
+    #[must_use]
+    pub fn with_faults(self, faults: MeasurementFaults) -> Self {
+        Self { faults: Some(faults), ..self }
     }
 
     /// The model of the camera.
@@ -245,6 +255,9 @@ impl Vision {
             }
         }
         m.target_lost = self.lost;
+        if let Some(faults) = &mut self.faults {
+            faults.apply(&mut m);
+        }
         m
     }
 

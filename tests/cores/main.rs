@@ -18,6 +18,7 @@ mod goal_path;
 mod goals_at_random;
 mod hostile;
 mod identity;
+mod injected_faults;
 mod lens;
 mod limit_avoidance;
 mod look_and_move;

@@ -50,6 +50,9 @@ const OPTIONAL: &str = "
     drive.simulated.wall = { point_m = [0.0, 0.0, -9.0], normal = [0.0, 0.0, 1.0], stiffness_n_m = 30000.0, damping_n_s_m = 100.0 }
     drive.simulated.push = { force_n = [0.1, 0.0, 0.0], from_s = 0.5, until_s = 0.6 }
     drive.simulated.jam = { joint = 0, from_s = 1000.0 }
+    faults = [{ kind = 'delay', from_s = 0.01, duration_s = 0.02, probability = 0.5, delay_ms = 10.0 }, \
+    { kind = 'jump', from_s = 0.01, duration_s = 0.02, probability = 0.5, size_px = 2.0 }, { kind = 'corrupt', share = 0.1 }, \
+    { kind = 'encoder_offset', size_rad_or_m = 0.001, joint = 0 }]
     realtime.cpu = 0
     realtime.spin_us = 50.0
 ";

@@ -59,3 +59,22 @@ fn one_process_and_three_processes_agree_to_the_last_bit() {
     }
     assert_eq!(hashes.len(), runs, "each law, camera and policy moves the arm differently");
 }
+
+/// Faults that are put in on purpose, of each group, are the same in whatever process their part is.
+#[test]
+fn injected_faults_are_the_same_in_one_process_and_in_three() {
+    let mut hashes = BTreeSet::new();
+    let faults = [
+        "{kind='drop',probability=0.5},{kind='delay',probability=0.3,delay_ms=70.0},{kind='corrupt',share=0.05}",
+        "{kind='duplicate',probability=0.4},{kind='freeze',probability=0.4},{kind='torn',probability=0.3},{kind='black',probability=0.2}",
+        "{kind='stale',probability=0.4},{kind='jump',probability=0.2,size_px=5.0},{kind='mislabelled',probability=0.2}",
+        "{kind='encoder_offset',size_rad_or_m=0.002},{kind='torque_loss',share=0.1},{kind='stale_state',probability=0.1}",
+    ];
+    for list in faults {
+        let set = format!("faults=[{list}]");
+        hashes.insert(agree("ur5.toml", &[&set]));
+        // A rate of which no period is a whole number of ticks.
+        hashes.insert(agree("ur5.toml", &[&set, "camera.rate_hz=30", "run.seed=3"]));
+    }
+    assert_eq!(hashes.len(), 2 * faults.len(), "each fault moves the arm differently");
+}

@@ -1,6 +1,6 @@
 //! Assembly for a pair of cameras: the taught view, the vision core, and the set-point of the law.
 
-use super::AssembleError;
+use super::{AssembleError, measurement_faults};
 use crate::camera_model::CameraModel;
 use crate::config::stereo::between;
 use crate::config::{Camera, Config, Scene, Source, Stereo};
@@ -30,7 +30,11 @@ pub fn stereo_vision(config: &Config) -> Result<StereoVision, AssembleError> {
     let (stereo, right) = pair(config)?;
     let view = taught_view(config)?;
     let vision = StereoVision::new(stereo.rig.clone(), &config.target, view, stereo.tolerance);
-    Ok(vision.for_responses(&config.camera.response, &right.response))
+    let vision = vision.for_responses(&config.camera.response, &right.response);
+    Ok(match measurement_faults(config) {
+        Some(faults) => vision.with_faults(faults),
+        None => vision,
+    })
 }
 
 /// The taught view: that of the run file, or that of a simulated pair in the desired pose. It is bit-identical in all processes.

@@ -151,6 +151,7 @@ impl<'a> ScheduledCamera<'a> {
         let exposure = Exposure { frame_id, mid, span: camera.exposure };
         let position = self.source.expose(&exposure, frame.pixels_mut())?;
         let last = position == Position::Last;
+        let mid = self.source.stamped(&exposure);
         let shot = Shot { frame_id, sequence: frame_id, mid, span: exposure.span, lost: self.lost, last };
         let header = shot.header(camera);
         Ok((frame, header))

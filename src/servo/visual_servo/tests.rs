@@ -194,6 +194,27 @@ fn poses_that_no_object_before_a_camera_has_are_refused() {
 }
 
 #[test]
+fn an_image_that_stays_while_the_camera_moves_is_not_newer() {
+    let robot = scara();
+    let mut s = servo(UpdatePolicy::Predict);
+    moved_to(&mut s, 0..=400);
+    let now = MonoNs(400 * MS);
+    assert!(s.add_measurement(now, &seen_at(40), &robot).is_used());
+    // By 10 ms the arm has moved by 2 mrad, by 160 ms by 32 mrad.
+    let again = |ms: i64| Measurement { exposure: MonoNs(ms * MS), ..seen_at(40) };
+    assert_eq!(s.add_measurement(now, &again(200), &robot), MeasurementVerdict::NotNewer);
+    assert_eq!(s.add_measurement(now, &again(240), &robot), MeasurementVerdict::NotNewer, "and stays so");
+    assert!(s.add_measurement(now, &again(42), &robot).is_used(), "hardly a pixel");
+    assert!(s.add_measurement(now, &seen_at(280), &robot).is_used(), "a new image");
+    // Noise of a hundredth of a pixel makes another image of it.
+    let mut other = Measurement { exposure: MonoNs(320 * MS), ..seen_at(280) };
+    for (k, feature) in (0..).zip(&mut other.features) {
+        feature.x += 1.25e-5 * f64::from(k % 2 * 2 - 1);
+    }
+    assert!(s.add_measurement(now, &other, &robot).is_used());
+}
+
+#[test]
 fn the_way_back_leads_to_where_the_whole_target_was_seen() {
     let robot = scara();
     let mut s = servo(UpdatePolicy::Predict);

@@ -28,6 +28,7 @@ pub use taught::{ObjectPose, TaughtPoint, TaughtView, TaughtViewError};
 use super::{Frame, misfit};
 use crate::camera_model::Response;
 use crate::detect::{Detection, Finder};
+use crate::faults::MeasurementFaults;
 use crate::imaging::ImageView;
 use crate::messages::{FeaturePoint, FrameHeader, MAX_FEATURES, Measurement, TargetStatus};
 use crate::messages::{frame_flag, measurement_flag};
@@ -73,6 +74,8 @@ pub struct StereoVision {
     pairs: Vec<MeasuredPair>,
     was_found: bool,
     lost: u64,
+    /// What is put wrong about its measurements on purpose.
+    faults: Option<MeasurementFaults>,
 }
 
 impl StereoVision {
@@ -92,7 +95,14 @@ impl StereoVision {
             pairs: Vec::with_capacity(room),
             was_found: false,
             lost: 0,
+            faults: None,
         }
+    }
+
+    /// The same with faults of its measurements.
+    #[must_use]
+    pub fn with_faults(self, faults: MeasurementFaults) -> Self {
+        Self { faults: Some(faults), ..self }
     }
 
     /// The same for cameras of these responses ([`Finder::for_response`]).
@@ -296,6 +306,9 @@ impl StereoVision {
             _ => self.lost += u64::from(std::mem::take(&mut self.was_found)),
         }
         m.target_lost = self.lost;
+        if let Some(faults) = &mut self.faults {
+            faults.apply(&mut m);
+        }
         m
     }
 }

@@ -1,0 +1,65 @@
+//! `[[faults]]`: what is put wrong on purpose about the simulated parts of a cell.
+
+use serde::{Deserialize, Serialize};
+
+word! {
+    /// What is wrong.
+    FaultKind {
+        /// Frames are lost.
+        Drop,
+        /// Frames are handed over later.
+        Delay,
+        /// Frames are the one before once more, image and stamp.
+        Duplicate,
+        /// Frames show what the one before showed, with stamps of their own.
+        Freeze,
+        /// Frames are black.
+        Black,
+        /// Frames are white.
+        Saturated,
+        /// The lower half of frames is that of the one before.
+        Torn,
+        /// Blocks of frames have levels at random.
+        Corrupt,
+        /// Measurements are the last good one before once more, with its stamp.
+        Stale,
+        /// Measurements are displaced in the image.
+        Jump,
+        /// Two features of measurements have each other's ids.
+        Mislabelled,
+        /// A joint's encoder is off, one way or the other by chance, in single states.
+        EncoderSpike,
+        /// A joint's encoder stays where it was.
+        EncoderFreeze,
+        /// A joint's encoder is off by a constant.
+        EncoderOffset,
+        /// A joint's motor lacks a share of its torque.
+        TorqueLoss,
+        /// States of the arm are the one before once more.
+        StaleState,
+    }
+}
+
+table! {
+    /// One fault of the simulated parts of a cell.
+    RawFault {
+        /// What is wrong; it must be told.
+        kind: Option<FaultKind> = None,
+        /// From when on, s.
+        from_s: f64 = 0.5,
+        /// How long, s.
+        duration_s: f64 = 0.5,
+        /// Of each frame, measurement or state of that time, 0 to 1.
+        probability: f64 = 1.0,
+        /// `delay`: by how much frames are later, ms; 100 where it is left out.
+        delay_ms: Option<f64> = None,
+        /// `jump`: by how much measurements are displaced, px; 20 where it is left out.
+        size_px: Option<f64> = None,
+        /// `encoder_spike`, `encoder_offset`: by how much the encoder is off, rad or m; 0.02 where it is left out.
+        size_rad_or_m: Option<f64> = None,
+        /// `corrupt`: share of the blocks, 0.2 where it is left out; `torque_loss`: share of the torque, 0.5.
+        share: Option<f64> = None,
+        /// `encoder_spike`, `encoder_freeze`, `encoder_offset`, `torque_loss`: which joint, from 0, which it is where it is left out.
+        joint: Option<u32> = None,
+    }
+}
