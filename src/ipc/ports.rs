@@ -69,6 +69,9 @@ impl WakeNotifier {
     }
 }
 
+/// Shortest wait. The transport gives the kernel its time limit in whole microseconds, and one of zero waits for ever.
+const SHORTEST_WAIT: Duration = Duration::from_micros(1);
+
 /// Is woken by a [`WakeNotifier`].
 #[derive(Debug)]
 pub struct WakeListener {
@@ -87,7 +90,7 @@ impl WakeListener {
     /// When the transport fails.
     pub fn wait(&self, longest: Duration) -> Result<(), IpcError> {
         works("waiting", self.service)?;
-        match self.port.timed_wait(|_| {}, longest) {
+        match self.port.timed_wait(|_| {}, longest.max(SHORTEST_WAIT)) {
             // A signal ends the wait early; whoever waits looks at its stop flag next.
             Ok(_) | Err(ListenerWaitError::InterruptSignal) => Ok(()),
             Err(e) => Err(transfer("waiting", self.service, e)),

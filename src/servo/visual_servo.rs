@@ -26,6 +26,7 @@ use crate::messages::{Measurement, TargetStatus};
 use crate::robot::{CameraJacobian, JointHistory, Robot};
 use crate::time::{MonoNs, SpanNs};
 use covariance::{covariance_in, stated_covariance};
+use frozen_image::has_noise;
 use nalgebra::{Matrix6, SVector, Vector6};
 
 /// How far an exposure stamp may lie in the future, since some drivers stamp the planned end of a frame: a period of 20 Hz. Half and twice of it
@@ -240,7 +241,7 @@ impl<const N: usize> VisualServo<N> {
         if self.learner.is_some() {
             return self.learn_from((now, measurement), seen, (&q, &X_WC));
         }
-        if self.object.is_none() && self.is_frozen(&seen, &X_WC) {
+        if self.object.is_none() && has_noise(measurement) && self.is_frozen(&seen, &X_WC) {
             return MeasurementVerdict::NotNewer;
         }
         let partial = seen.is_partial();

@@ -100,7 +100,12 @@ fn joints_that_stick_and_slip_are_not_shaken() {
             scale,
             0,
             // How it hunts is chaotic: on other ways it leaps by up to 800 rad/s^2 (README, limits).
-            &["servo.interaction=current", "drive.simulated.hard_friction=true", &duration],
+            &[
+                "servo.interaction=current",
+                "servo.first_motion_m_s=0",
+                "drive.simulated.hard_friction=true",
+                &duration,
+            ],
         );
         if outcome == Outcome::Fault || (scale <= 1.0 && outcome != Outcome::Converged) || hardest > 250.0 {
             failures.push(format!("x {scale}: {hardest} {}", outcome.as_str()));

@@ -18,6 +18,8 @@ fn every_rate_converges_with_latency_jitter_and_loss() {
             format!("safety.measurement_timeout_ms={timeout_ms}"),
             "camera.latency_ms=30".into(),
             "camera.synthetic.frame_loss=0.1".into(),
+            // A camera of 1 Hz sees the first motion after a second, which is told.
+            "servo.first_motion_m_s=0".into(),
         ];
         let mut arguments = vec!["--clock", "lockstep", "--duration-s", "60"];
         arguments.extend(settings.iter().flat_map(|s| ["--set", s]));

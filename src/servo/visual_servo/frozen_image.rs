@@ -3,6 +3,7 @@
 
 use super::{View, VisualServo};
 use crate::geometry::Pose;
+use crate::messages::Measurement;
 use nalgebra::Vector2;
 
 /// Features that stay within this of those before, normalized, are those before: a thousandth of a pixel of a lens of 800 px. Derived from noise: a good measurement
@@ -12,6 +13,11 @@ const SAME: f64 = 1.25e-6;
 const WOULD_BE_SEEN: f64 = 2.5e-3;
 /// Points that have to be the same. Chosen by hand: by fewer, chance would tell.
 const POINTS: usize = 4;
+
+/// Whether the features are said to have noise, so that no two images are the same: those of a camera that is computed have none, and late stamps are no frozen camera.
+pub(super) fn has_noise(measurement: &Measurement) -> bool {
+    measurement.features.iter().take(measurement.feature_count as usize).all(|feature| feature.sd_px > 0.0)
+}
 
 impl<const N: usize> VisualServo<N> {
     /// Whether `seen`, with the camera at `X_WC`, shows exactly what was measured last, although the camera has moved since. It says nothing of where the object is

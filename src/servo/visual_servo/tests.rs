@@ -199,6 +199,11 @@ fn an_image_that_stays_while_the_camera_moves_is_not_newer() {
     let mut s = servo(UpdatePolicy::Predict);
     moved_to(&mut s, 0..=400);
     let now = MonoNs(400 * MS);
+    let seen_at = |ms: i64| {
+        let mut seen = seen_at(ms);
+        seen.features.iter_mut().for_each(|feature| feature.sd_px = 0.05);
+        seen
+    };
     assert!(s.add_measurement(now, &seen_at(40), &robot).is_used());
     // By 10 ms the arm has moved by 2 mrad, by 160 ms by 32 mrad.
     let again = |ms: i64| Measurement { exposure: MonoNs(ms * MS), ..seen_at(40) };
