@@ -25,6 +25,10 @@ const GROWN: f64 = 2.0;
 /// a tenth of the speed at which a camera half a metre before its target is in its first motion.
 const STANDS: f64 = 0.25;
 const STANDS_FOR: SpanNs = SpanNs(50_000_000);
+/// Displacement of the camera below which the image stands however the camera is mounted, m and rad: a third of [`JUDGED`] at 0.4 m. Where it moves by [`JUDGED`] all the same, the object does, and no
+/// mount is judged: an object that goes twice as fast as the first motion looks like a camera that is turned by 180 degrees for as long as both last. Chosen by hand.
+const STILL_M: f64 = 1e-4;
+const STILL: f64 = 2e-4;
 /// Displacement from which on it is judged no more, in units of [`JUDGED`]. Chosen by hand: by then a contradiction was seen in several frames.
 const GIVEN_UP: f64 = 64.0;
 /// Turns that are tried, in a whole one. Chosen by hand: 5 degrees beside the true turn leave 0.8 % of the displacement's square.
@@ -73,6 +77,11 @@ impl MotionAgreement {
         let Some(FeatureMotion { moved, seen, left }) = feature_motion(&base, &X_CB, view, set_point) else {
             return;
         };
+        let is_still = X_CB.translation.vector.norm() < STILL_M && X_CB.rotation.angle() < STILL;
+        if is_still && seen > JUDGED {
+            self.is_judged = true;
+            return;
+        }
         if moved < STANDS * JUDGED {
             if exposure - since >= STANDS_FOR {
                 self.base = Some((exposure, *view, *X_WC));
