@@ -308,7 +308,7 @@ mod tests {
 
     #[test]
     fn an_arm_at_rest_and_an_object_that_moves_contradict_nothing() {
-        assert_eq!(judged([0.0; 3], [0.0; 3], [0.0; 3], [0.02, 0.0, 0.0]), (false, None));
+        assert_eq!(judged([0.0; 3], [0.0; 3], [0.0; 3], [0.02, 0.0, 0.0]), (true, None));
         assert_eq!(judged([0.001, 0.0, 0.0], [0.0; 3], [0.0; 3], [0.02, 0.0, 0.0]).1, None);
         assert_eq!(judged([0.001, 0.0, 0.0], [0.0, 0.002, 0.0], [0.0; 3], [0.003, 0.02, 0.01]).1, None);
         // Stamps that are late: the image has hardly moved yet.
