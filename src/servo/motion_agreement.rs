@@ -1,4 +1,4 @@
-//! Whether the image moves as the arm's motion should make it, judged once, over the first motion.
+//! Whether the image moves as the arm's motion should make it, judged over the first motion, and over that of each further start until it was seen to.
 //!
 //! A camera that is mounted turned about its optical axis, by more than a quarter, or with other axes than the believed one, turns each law away from its goal, and the faster
 //! the farther it gets. From the last view before the arm moves, the arm's motion `X` of the believed camera leads to one view, and that of a camera that is turned by `R` to
@@ -55,21 +55,52 @@ pub enum MountError {
     OtherAxes,
 }
 
+/// What is known of the mount.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+enum MountJudgement {
+    #[default]
+    Open,
+    /// The image was seen to move as it should.
+    Agrees,
+    /// This motion tells nothing more of it.
+    GivenUp,
+    Wrong(MountError),
+}
+
 /// Compares the first motion of the image with that of the arm.
 #[derive(Debug, Clone, Default)]
 pub(super) struct MotionAgreement {
+    /// Whether the law moves the arm.
+    moves: bool,
     /// The last view before the arm moved, when it was, and where the camera was then.
     base: Option<(MonoNs, View, Pose)>,
-    is_judged: bool,
     /// What was seen once, and the displacement at that time.
     suspicion: Option<(MountError, f64)>,
-    error: Option<MountError>,
+    judgement: MountJudgement,
 }
 
 impl MotionAgreement {
+    /// The law moves the arm from now on.
+    pub(super) fn begin(&mut self) {
+        self.moves = true;
+    }
+
+    /// The law does not move the arm: what is not settled is judged anew when it does, since the object may be put elsewhere meanwhile. Returns whether it is not settled.
+    pub(super) fn interrupt(&mut self) -> bool {
+        if self.judgement == MountJudgement::Agrees {
+            return false;
+        }
+        (self.moves, self.suspicion, self.judgement) = (false, None, MountJudgement::Open);
+        true
+    }
+
     /// Takes in a view measured at `exposure`, with the pose of the camera at that time in the frame in which the object rests.
     pub(super) fn note(&mut self, exposure: MonoNs, view: &View, X_WC: &Pose, set_point: &SetPoint) {
-        if self.is_judged {
+        if self.is_judged() {
+            return;
+        }
+        if !self.moves {
+            self.base = Some((exposure, *view, *X_WC));
             return;
         }
         let (since, base, X_WB) = *self.base.get_or_insert((exposure, *view, *X_WC));
@@ -79,7 +110,7 @@ impl MotionAgreement {
         };
         let is_still = X_CB.translation.vector.norm() < STILL_M && X_CB.rotation.angle() < STILL;
         if is_still && seen > JUDGED {
-            self.is_judged = true;
+            self.judgement = MountJudgement::GivenUp;
             return;
         }
         if moved < STANDS * JUDGED {
@@ -89,13 +120,13 @@ impl MotionAgreement {
             return;
         }
         if moved.max(seen) < JUDGED || seen < STANDS * JUDGED {
-            self.is_judged = moved > GIVEN_UP * JUDGED;
+            self.give_up(moved);
             return;
         }
         let is_explained = |left: f64| left < EXPLAINED * seen * seen;
         // Mostly the believed camera explains all.
-        self.is_judged = is_explained(left) || moved > GIVEN_UP * JUDGED;
         if is_explained(left) {
+            self.judgement = MountJudgement::Agrees;
             return;
         }
         // Translations count by their share of the depth.
@@ -115,21 +146,38 @@ impl MotionAgreement {
         let seen_now = sure.and_then(|(_, error)| error);
         match (self.suspicion, seen_now) {
             (Some((before, at)), Some(error)) if before == error => {
-                self.error = (moved >= GROWN * at).then_some(error);
+                if moved >= GROWN * at {
+                    self.judgement = MountJudgement::Wrong(error);
+                    return;
+                }
             }
             (_, error) => self.suspicion = error.map(|error| (error, moved)),
         }
-        self.is_judged |= self.error.is_some() || (seen_now.is_none() && is_explained(left));
+        if seen_now.is_none() && is_explained(left) {
+            self.judgement = MountJudgement::Agrees;
+        } else {
+            self.give_up(moved);
+        }
+    }
+
+    /// Judges no more, once the features should have moved far.
+    fn give_up(&mut self, moved: f64) {
+        if moved > GIVEN_UP * JUDGED {
+            self.judgement = MountJudgement::GivenUp;
+        }
     }
 
     /// How the camera's mount is wrong; `None` where it is not, and before that is judged.
     pub(super) fn error(&self) -> Option<MountError> {
-        self.error
+        match self.judgement {
+            MountJudgement::Wrong(error) => Some(error),
+            _ => None,
+        }
     }
 
     /// Whether the image was seen to move as the arm's motion should make it, or it is judged no more.
     pub(super) fn is_judged(&self) -> bool {
-        self.is_judged
+        self.judgement != MountJudgement::Open
     }
 }
 
@@ -196,6 +244,7 @@ mod tests {
         let set_point = SetPoint::from_pose(&goal, &points).unwrap();
         let mount = Pose::new(Vector3::zeros(), wrong.into());
         let mut agreement = MotionAgreement::default();
+        agreement.begin();
         for k in 0..40i64 {
             let by = |a: [f64; 3]| Vector3::from(a) * k as f64;
             let camera = Pose::new(by(step), by(turn));
@@ -205,7 +254,7 @@ mod tests {
             // The true camera is turned by the opposite against the one that is believed.
             agreement.note(time, &View::of(&seen, &set_point).unwrap(), &(camera * mount), &set_point);
         }
-        (agreement.is_judged, agreement.error())
+        (agreement.is_judged(), agreement.error())
     }
 
     #[test]
@@ -256,6 +305,7 @@ mod tests {
                 ([0.002, 0.002, -0.004], [-0.004, 0.004, 0.0]),
             ] {
                 let mut agreement = MotionAgreement::default();
+                agreement.begin();
                 for k in 0..40i64 {
                     let by = |a: [f64; 3]| Vector3::from(a) * k as f64;
                     let time = MonoNs(k * 40_000_000);
@@ -284,6 +334,7 @@ mod tests {
             for lag_s in [0.05, 0.07, 0.1, 0.2, 0.5] {
                 for (rate_hz, jump_m) in [(25, 0.0), (100, 0.0), (25, 0.03), (100, 0.01)] {
                     let mut agreement = MotionAgreement::default();
+                    agreement.begin();
                     for k in 0..2 * rate_hz {
                         let t = k as f64 / rate_hz as f64 - 0.3;
                         let s = t.max(0.0);
@@ -304,6 +355,38 @@ mod tests {
                 }
             }
         }
+    }
+
+    /// What is moved by hand while the arm waits says nothing of the mount, before or after; one that has agreed stays so.
+    #[test]
+    fn an_object_that_is_put_elsewhere_before_a_start_hides_nothing() {
+        let points = POINTS.map(|(x, y)| Point3::new(x, y, 0.0));
+        let goal = Pose::new([-0.05, -0.05, 0.4].into(), [0.0; 3].into());
+        let set_point = SetPoint::from_pose(&goal, &points).unwrap();
+        let mut agreement = MotionAgreement::default();
+        let mut k = 0;
+        let mut see = |agreement: &mut MotionAgreement, object: f64, camera: f64, turn: f64| {
+            let camera = Pose::new(Vector3::x() * camera, Vector3::zeros());
+            let object = Pose::new(Vector3::y() * object, Vector3::zeros()) * goal;
+            let time = MonoNs(k * 40_000_000);
+            k += 1;
+            let seen = perfect_measurement(&points, &camera.inv_mul(&object), time).unwrap();
+            let believed = camera * Pose::new(Vector3::zeros(), Vector3::z() * turn);
+            agreement.note(time, &View::of(&seen, &set_point).unwrap(), &believed, &set_point);
+        };
+        for wrong in [TAU / 2.0, 0.0] {
+            for i in 0..10 {
+                see(&mut agreement, 0.01 * f64::from(i), 0.0, wrong);
+                assert!(agreement.interrupt() && !agreement.is_judged());
+            }
+            agreement.begin();
+            (0..10).for_each(|i| see(&mut agreement, 0.09, 2e-3 * f64::from(i), wrong));
+            let told = (wrong > 0.0).then_some(MountError::Turned(2));
+            assert_eq!((agreement.is_judged(), agreement.error()), (true, told), "{wrong}");
+            assert_eq!(agreement.interrupt(), wrong > 0.0);
+        }
+        (0..10).for_each(|i| see(&mut agreement, 0.01 * f64::from(i), 0.0, 0.0));
+        assert!(agreement.is_judged() && agreement.error().is_none() && !agreement.interrupt());
     }
 
     #[test]

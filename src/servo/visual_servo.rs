@@ -183,8 +183,8 @@ impl<const N: usize> VisualServo<N> {
     /// The next law output starts smoothly again, as the first one did; after a stop or a hold.
     pub fn restart(&mut self) {
         self.start = None;
-        if self.agreement.error().is_some() {
-            (self.agreement, self.first_motion) = Default::default();
+        if self.agreement.interrupt() {
+            self.first_motion = FirstMotion::default();
         }
         if let Some(learner) = &mut self.learner {
             learner.interrupt();
@@ -338,6 +338,7 @@ impl<const N: usize> VisualServo<N> {
         if self.learner.is_some() {
             return self.learnt_output((q, qd), robot).filter(LawOutput::is_finite);
         }
+        self.agreement.begin();
         let motion = self.move_goal();
         let last = self.last.as_ref()?;
         let fresh = std::mem::take(&mut self.fresh);

@@ -9,14 +9,13 @@ use crate::drive::check::{
 };
 use crate::ipc::{DrivePresence, Instance, Receiver, Sender, WakeListener};
 use crate::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, drive_flag};
+use crate::process::drive_guard::GRACE_OF_DRIVE;
 use crate::process::supervisor::child::Child;
 use crate::process::{Membership, ProcessError, StopFlag};
 use crate::rt::{now, tell};
 use crate::time::{MonoNs, SpanNs, TICK};
 use std::time::Duration;
 
-/// Shortest wait for a state. Chosen by hand, well above a microsecond: the kernel takes time limits in whole ones, and one of zero would wait for ever.
-const SHORTEST_WAIT: SpanNs = SpanNs(50_000);
 /// Time after which an unanswered START is sent again, as control does.
 const ASK_AGAIN: SpanNs = SpanNs(500_000_000);
 /// Time that a drive has to answer a second START. Chosen by hand: some hundred times what an answer takes.
@@ -30,7 +29,7 @@ const MISSING: SpanNs = SpanNs(500_000_000);
 /// How long it is waited for a drive that was started by hand to leave after LAST. Chosen by hand: nothing is told from it but that messages have arrived.
 const FAREWELL: SpanNs = SpanNs(500_000_000);
 /// Time that the guard has to end a program that did not end by itself: what it gives the program, and a second for itself. Chosen by hand.
-const GUARD: SpanNs = SpanNs(ENDS_WITHIN.0 + 1_000_000_000);
+const GUARD: SpanNs = SpanNs(GRACE_OF_DRIVE.0 + 1_000_000_000);
 
 pub(super) struct TrialSession<'a> {
     pub(super) instance: &'a Instance,
@@ -292,7 +291,7 @@ impl TrialSession<'_> {
             if left <= SpanNs::ZERO {
                 return Ok(());
             }
-            self.listener.wait(Duration::from_nanos(left.max(SHORTEST_WAIT).0.unsigned_abs()))?;
+            self.listener.wait(Duration::from_nanos(left.0.unsigned_abs()))?;
         }
     }
 
