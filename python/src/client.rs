@@ -173,7 +173,7 @@ impl Client {
         };
         self.request(py, move |core| match wanted {
             Wanted::Taught(goal) => core.goal(&goal),
-            Wanted::File(path) => core.goal_file(&path),
+            Wanted::File(path) => core.goal_at(&path),
             Wanted::View(X_DO) => core.goal_pose(&X_DO),
         })
     }
@@ -196,7 +196,7 @@ impl Client {
     /// `wait("state=held")`. It looks at no obstacles.
     fn goto(&self, py: Python<'_>, place: Place<'_>) -> PyResult<Status> {
         match place {
-            Place::File(path) => self.request(py, move |core| core.goto_file(&path)),
+            Place::File(path) => self.request(py, move |core| core.goto_at(&path)),
             Place::Joints(q) => self.request(py, move |core| core.goto(&q)),
             Place::Goal(goal) => {
                 let q = goal.file.q_rad_or_m.clone();

@@ -44,7 +44,7 @@ pub(super) fn ctl(arguments: &CtlArguments) -> Result<u8, ProcessError> {
             return save(&client, path, common.timeout_s.unwrap_or(USUAL_WAIT_S));
         }
         CtlCommand::Goal { file, position_m, rotation_rpy_deg, rotation_xyzw } => match file {
-            Some(file) => client.goal_file(file),
+            Some(file) => client.goal_at(file),
             None => {
                 let FixedNumbers(position_m) = position_m.unwrap_or(FixedNumbers([0.0; 3]));
                 client.goal_pose(&Pose::from_parts(
@@ -54,7 +54,7 @@ pub(super) fn ctl(arguments: &CtlArguments) -> Result<u8, ProcessError> {
             }
         },
         CtlCommand::Goto { file, q } => match (file, q) {
-            (Some(file), _) => client.goto_file(file),
+            (Some(file), _) => client.goto_at(file),
             (None, q) => client.goto(q.as_ref().map_or(&[][..], |NumberList(q)| q)),
         },
         CtlCommand::Jog { q: Some(NumberList(dq)), .. } => client.jog_joints(dq),

@@ -45,10 +45,14 @@ pub enum CtlCommand {
         #[arg(long, value_name = "FILE.toml")]
         save: Option<PathBuf>,
     },
-    /// Set another goal, now: of a file of `vservo teach`, or the pose of the target in the camera at the goal
+    /// Set another goal, now: one that the run file names, of a file of `vservo teach`, or the pose of the target in the camera at the goal
     Goal {
-        /// File of `vservo teach` or `vservo ctl teach --save`
-        #[arg(required_unless_present = "position_m", conflicts_with = "position_m")]
+        /// Name in `[goals]` of the run file, or a file of `vservo teach` or `vservo ctl teach --save`
+        #[arg(
+            value_name = "NAME|FILE",
+            required_unless_present = "position_m",
+            conflicts_with = "position_m"
+        )]
         file: Option<PathBuf>,
         /// Position of the target in the camera, m
         #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
@@ -68,8 +72,8 @@ pub enum CtlCommand {
     },
     /// Move the arm to a posture along a limited path, and hold it
     Goto {
-        /// File of `vservo ctl teach --save`: the posture in which the goal was taught
-        #[arg(required_unless_present = "q", conflicts_with = "q")]
+        /// Name in `[postures]` of the run file, or a file of `vservo ctl teach --save`: the posture in which the goal was taught
+        #[arg(value_name = "NAME|FILE", required_unless_present = "q", conflicts_with = "q")]
         file: Option<PathBuf>,
         /// Joint positions, rad or m
         #[arg(long, value_name = "Q1,Q2,...", allow_hyphen_values = true)]

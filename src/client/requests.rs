@@ -1,13 +1,15 @@
 //! Requests that carry numbers: goals, postures, small motions, settings.
 
 use super::{Client, RunAnswer, WaitFor};
-use crate::config::{GoalFeature, GoalFile};
+use crate::config::{GoalFeature, GoalFile, RawNamedGoal, RawPosture};
 use crate::control::lifecycle::Request;
 use crate::geometry::Pose;
+use crate::input::nearest;
 use crate::ipc::Role;
 use crate::messages::{CommandForm, ControlCommand, ControlState};
 use crate::process::ProcessError;
-use nalgebra::Vector3;
+use nalgebra::{UnitQuaternion, Vector3};
+use serde::de::DeserializeOwned;
 use std::path::Path;
 
 /// What may be set in a running loop.
@@ -42,6 +44,73 @@ impl Client {
             ProcessError::NoCommand(why) => ProcessError::NoCommand(format!("{}: {why}", path.display())),
             other => other,
         })
+    }
+
+    /// Makes the goal that the run file has under `name` the goal (`[goals.NAME]`).
+    ///
+    /// # Errors
+    /// As for [`Self::status`], and when the run file has none of this name.
+    pub fn goal_named(&self, name: &str) -> Result<RunAnswer, ProcessError> {
+        let raw: RawNamedGoal = self.named("goals", name)?;
+        match (raw.taught, raw.position_m) {
+            (Some(goal), _) => self.goal(&goal),
+            (None, position_m) => {
+                let [roll, pitch, yaw] = raw.rotation_rpy_rad.unwrap_or_default();
+                let rotation = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
+                self.goal_pose(&Pose::from_parts(position_m.unwrap_or_default().into(), rotation))
+            }
+        }
+    }
+
+    /// Moves the arm to the posture that the run file has under `name` (`[postures.NAME]`), and holds it there.
+    ///
+    /// # Errors
+    /// As for [`Self::status`], and when the run file has none of this name.
+    pub fn goto_named(&self, name: &str) -> Result<RunAnswer, ProcessError> {
+        let raw: RawPosture = self.named("postures", name)?;
+        self.goto(&raw.q_rad_or_m)
+    }
+
+    /// What `place` names: the goal of the run file of this name, where it is a word and there is no such file, or a file.
+    ///
+    /// # Errors
+    /// As for [`Self::goal_named`] and [`Self::goal_file`].
+    pub fn goal_at(&self, place: &Path) -> Result<RunAnswer, ProcessError> {
+        match word(place) {
+            Some(name) => self.goal_named(name),
+            None => self.goal_file(place),
+        }
+    }
+
+    /// The same of a posture.
+    ///
+    /// # Errors
+    /// As for [`Self::goto_named`] and [`Self::goto_file`].
+    pub fn goto_at(&self, place: &Path) -> Result<RunAnswer, ProcessError> {
+        match word(place) {
+            Some(name) => self.goto_named(name),
+            None => self.goto_file(place),
+        }
+    }
+
+    /// What stands under `name` in `table` of the run file.
+    fn named<T: DeserializeOwned>(&self, table: &str, name: &str) -> Result<T, ProcessError> {
+        let agreement = self.instance().agreement_of(Role::Control).unwrap_or_default();
+        if let Some(value) =
+            agreement.get(&format!("{table}.{name}")).and_then(|text| serde_json::from_str(text).ok())
+        {
+            return Ok(value);
+        }
+        let prefix = format!("{table}.");
+        let names: Vec<&str> = agreement.keys().filter_map(|key| key.strip_prefix(&prefix)).collect();
+        let meant = match (nearest(name, names.iter().copied()), names.as_slice()) {
+            (Some(meant), _) => format!("; did you mean `{meant}`?"),
+            (None, []) => format!("; the run file has no [{table}.NAME]"),
+            (None, names) => format!("; there are {}", names.join(", ")),
+        };
+        Err(ProcessError::NoCommand(format!(
+            "`{name}` is no file, and not in [{table}] of the run file{meant}"
+        )))
     }
 
     /// Makes the features of `goal` the goal.
@@ -155,6 +224,12 @@ impl Client {
     fn send(&self, request: Request, command: ControlCommand) -> Result<RunAnswer, ProcessError> {
         self.ask_with(Some(request), command)
     }
+}
+
+/// `place`, where it is a name and no file.
+fn word(place: &Path) -> Option<&str> {
+    let is_word = place.extension().is_none() && place.components().count() == 1 && !place.exists();
+    place.to_str().filter(|_| is_word)
 }
 
 fn with_numbers(

@@ -25,6 +25,13 @@ impl Config {
         for name in ["target", "stereo"] {
             flatten(name, part(name), &mut keys);
         }
+        // What stands under a name is one value: clients read it.
+        for table in ["goals", "postures"] {
+            let Value::Table(named) = part(table) else { continue };
+            keys.extend(named.into_iter().filter_map(|(name, value)| {
+                Some((format!("{table}.{name}"), serde_json::to_string(&value).ok()?))
+            }));
+        }
         for (table, key) in [("run", "clock"), ("robot", "model")] {
             if let Some(value) = part(table).get(key) {
                 keys.insert(format!("{table}.{key}"), value.to_string());

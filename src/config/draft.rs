@@ -202,6 +202,23 @@ fn with_new_names(document: &mut Document) -> Vec<Problem> {
     RENAMED.iter().filter_map(|(table, old, new)| document.rename(table, old, new)).collect()
 }
 
+/// Puts what stands in the files of named goals and postures in their places.
+fn named_goals(
+    raw: &mut RawConfig,
+    document: &Document,
+    absolute: impl Fn(&str, &Path) -> PathBuf,
+    problems: &mut Vec<Problem>,
+) {
+    for (name, goal) in &mut raw.goals {
+        let key = format!("goals.{name}");
+        goal.resolve(&key, document, |path| absolute(&format!("{key}.file"), path), problems);
+    }
+    for (name, posture) in &mut raw.postures {
+        let key = format!("postures.{name}");
+        posture.resolve(&key, document, |path| absolute(&format!("{key}.file"), path), problems);
+    }
+}
+
 fn resolve_paths(raw: &mut RawConfig, document: &Document, folder: &Path, problems: &mut Vec<Problem>) {
     let absolute = |key: &str, path: &Path| {
         let base = if document.is_argument(key) { Path::new(".") } else { folder };
@@ -216,9 +233,12 @@ fn resolve_paths(raw: &mut RawConfig, document: &Document, folder: &Path, proble
     lens_file::resolve(raw, document, absolute, problems);
     stereo::resolve(raw, document, absolute, problems);
     goal_file::resolve(raw, document, absolute, problems);
+    named_goals(raw, document, absolute, problems);
     images("camera.replay.folder", &mut raw.camera.replay.folder);
+    images("camera.replay.recording", &mut raw.camera.replay.recording);
     for (i, camera) in raw.cameras.iter_mut().enumerate() {
         images(&format!("cameras[{i}].replay.folder"), &mut camera.replay.folder);
+        images(&format!("cameras[{i}].replay.recording"), &mut camera.replay.recording);
     }
     raw.camera.external.folder = absolute("camera.external.folder", &raw.camera.external.folder);
     for (i, camera) in raw.cameras.iter_mut().enumerate() {

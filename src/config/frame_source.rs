@@ -246,10 +246,14 @@ table! {
 }
 
 table! {
-    /// A folder of images as camera.
+    /// A folder of images, or a recording, as camera.
     RawReplay {
         /// Folder with PNG, PGM or JPEG files, played in the order of their names.
         folder: PathBuf = PathBuf::new(),
+        /// Instead of a folder, a recording of vservo or of ROS 2 (MCAP), whose images are played.
+        recording: PathBuf = PathBuf::new(),
+        /// The topic of the recording whose images are played; where it is left out, that of this camera, or the only one with images.
+        topic: Option<String> = None,
         /// Starts again after the last file instead of ending the run.
         repeat: bool = false,
         /// The first file that is damaged ends the run; otherwise it is reported, counted and skipped.
@@ -293,6 +297,20 @@ fn program(raw: &RawCameraProgram, at: &str, is_used: bool, check: &mut Validati
     }
 }
 
+/// Where the images of a replay are.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum ReplayImages {
+    /// In the files of a folder.
+    Folder(PathBuf),
+    /// On a topic of a recording.
+    Recording {
+        /// The recording.
+        file: PathBuf,
+        /// The topic; where it is none, that of this camera, or the only one with images.
+        topic: Option<String>,
+    },
+}
+
 /// Producer of frames.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Source {
@@ -307,13 +325,13 @@ pub enum Source {
         /// How levels depend on light.
         response: Response,
     },
-    /// Image files.
+    /// Images that were taken before.
     Replay {
-        /// Their folder.
-        folder: PathBuf,
+        /// Where they are.
+        images: ReplayImages,
         /// Starts again after the last one.
         repeat: bool,
-        /// A damaged file ends it.
+        /// A damaged one ends it.
         strict: bool,
     },
     /// A camera of the kernel's video interface.
@@ -341,6 +359,36 @@ pub(super) fn response(key: &str, text: &str, check: &mut Validation<'_>) -> Res
         check.wrong(key, wrong);
         Response::Linear
     })
+}
+
+/// Where the images of `replay` are.
+fn replay_images(
+    replay: &RawReplay,
+    key: impl Fn(&str) -> String,
+    check: &mut Validation<'_>,
+) -> ReplayImages {
+    let RawReplay { folder, recording, topic, .. } = replay;
+    let is_named = |path: &PathBuf| !path.as_os_str().is_empty();
+    if is_named(recording) {
+        if is_named(folder) {
+            check.wrong(&key("replay.folder"), "one of camera.replay.folder and camera.replay.recording");
+        } else if !recording.is_file() {
+            let file = recording.display();
+            check.wrong(&key("replay.recording"), format!("{file} is not a file"));
+        }
+        return ReplayImages::Recording { file: recording.clone(), topic: topic.clone() };
+    }
+    if topic.is_some() {
+        check.wrong(&key("replay.topic"), "is of a recording: name it with camera.replay.recording");
+    }
+    if !is_named(folder) {
+        let message =
+            "is missing: name the folder of images to replay, or a recording with camera.replay.recording";
+        check.wrong(&key("replay.folder"), message);
+    } else if !folder.is_dir() {
+        check.wrong(&key("replay.folder"), format!("{} is not a folder", folder.display()));
+    }
+    ReplayImages::Folder(folder.clone())
 }
 
 /// The source of a camera whose table is `at`. `look`: of the scene, where it is simulated.
@@ -374,14 +422,8 @@ pub(super) fn source(
             Source::Synthetic { look, sensor, motion_blur: synthetic.motion_blur, response }
         }
         SourceKind::Replay => {
-            let folder = &c.replay.folder;
-            if folder.as_os_str().is_empty() {
-                check.wrong(&key("replay.folder"), "is missing: name the folder of images to replay");
-            } else if !folder.is_dir() {
-                check.wrong(&key("replay.folder"), format!("{} is not a folder", folder.display()));
-            }
             let (repeat, strict) = (c.replay.repeat, c.replay.strict);
-            Source::Replay { folder: folder.clone(), repeat, strict }
+            Source::Replay { images: replay_images(&c.replay, &key, check), repeat, strict }
         }
         SourceKind::V4l2 => Source::V4l2(v4l2),
         SourceKind::External => Source::External(program),

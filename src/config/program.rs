@@ -1,15 +1,14 @@
 //! Programs: what `vservo do` has a running instance do, step by step. All of a file is read and checked before anything moves.
 
-use super::keys::{PoseTable, RotationForms};
+use super::named_goal::{ProgramGoal, RawNamedGoal, RawPosture};
 use super::source::Document;
 use super::wait_for::WaitFor;
-use super::{ConfigError, GoalFile, Problem, check, pose_forms, tables};
-use crate::geometry::Pose;
+use super::{ConfigError, Problem, check, tables};
 use crate::input::{file, nearest, number};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Bounds of the times of a step, s. Chosen by hand: from the period at which a program looks, to a day.
 const TIME_S: RangeInclusive<f64> = 0.1..=86_400.0;
@@ -19,35 +18,15 @@ const USUAL_TIMEOUT_S: f64 = 30.0;
 const MAX_REPEAT: u32 = 100_000;
 /// Steps within steps within steps. Chosen by hand, so that no depth can overflow the stack.
 const DEEPEST: usize = 4;
-/// Joint positions, rad or m, as in a run file. Chosen by hand, wider than any joint.
-const POSITION: RangeInclusive<f64> = -100.0..=100.0;
 
 /// A file as it is written.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 struct RawProgram {
-    goals: BTreeMap<String, RawProgramGoal>,
+    goals: BTreeMap<String, RawNamedGoal>,
     postures: BTreeMap<String, RawPosture>,
     steps: Vec<RawStep>,
     on_fault: Vec<RawStep>,
-}
-
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-struct RawProgramGoal {
-    file: Option<PathBuf>,
-    position_m: Option<[f64; 3]>,
-    rotation_rpy_rad: Option<[f64; 3]>,
-    rotation_rpy_deg: Option<[f64; 3]>,
-    rotation_xyzw: Option<[f64; 4]>,
-    rotation_vector_rad: Option<[f64; 3]>,
-}
-
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-struct RawPosture {
-    q_rad_or_m: Vec<f64>,
-    file: Option<PathBuf>,
 }
 
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -102,17 +81,6 @@ pub enum StepAction {
     Repeat(u32, Vec<ProgramStep>),
     /// Clears a fault.
     Reset,
-}
-
-/// A goal of a program.
-#[derive(Debug, Clone, PartialEq)]
-pub enum ProgramGoal {
-    /// That which the run has: `servo = "present"`.
-    Present,
-    /// A taught one.
-    Taught(GoalFile),
-    /// The pose of the target in the camera at the goal.
-    Pose(Pose),
 }
 
 impl Program {
@@ -185,25 +153,6 @@ struct ProgramReader<'a> {
     problems: Vec<Problem>,
 }
 
-impl PoseTable for RawProgramGoal {
-    fn take_forms(&mut self) -> RotationForms {
-        RotationForms {
-            rpy_deg: self.rotation_rpy_deg.take(),
-            xyzw: self.rotation_xyzw.take(),
-            vector_rad: self.rotation_vector_rad.take(),
-            matrix: None,
-        }
-    }
-
-    fn set_position_m(&mut self, position_m: [f64; 3]) {
-        self.position_m = Some(position_m);
-    }
-
-    fn set_rotation_rpy_rad(&mut self, rotation_rpy_rad: [f64; 3]) {
-        self.rotation_rpy_rad = Some(rotation_rpy_rad);
-    }
-}
-
 impl ProgramReader<'_> {
     fn wrong(&mut self, key: &str, message: String) {
         self.problems.push(self.document.problem(key, message));
@@ -217,55 +166,18 @@ impl ProgramReader<'_> {
         value
     }
 
-    fn goal_file(&mut self, key: &str, path: &Path) -> Option<GoalFile> {
-        GoalFile::load(&self.folder.join(path)).map_err(|why| self.wrong(&format!("{key}.file"), why)).ok()
-    }
-
-    fn goal(&mut self, name: &str, raw: &RawProgramGoal) -> Option<ProgramGoal> {
-        let (key, before) = (format!("goals.{name}"), self.problems.len());
-        match (&raw.file, raw.position_m) {
-            (Some(path), None) => self.goal_file(&key, path).map(ProgramGoal::Taught),
-            (None, Some(position_m)) => {
-                let mut raw = raw.clone();
-                pose_forms::resolve_one(&key, &mut raw, self.document, &mut self.problems);
-                let mut range = check::Validation::new(self.document, &mut self.problems);
-                let X_DO = range.pose(&key, position_m, raw.rotation_rpy_rad.unwrap_or_default());
-                (self.problems.len() == before).then_some(ProgramGoal::Pose(X_DO))
-            }
-            (Some(_), Some(_)) => {
-                self.wrong(&key, "has file and position_m: leave out one of them".into());
-                None
-            }
-            (None, None) => {
-                self.wrong(
-                    &key,
-                    "needs file (of `vservo teach`), or position_m of the target in the camera".into(),
-                );
-                None
-            }
-        }
+    fn goal(&mut self, name: &str, raw: &RawNamedGoal) -> Option<ProgramGoal> {
+        let (folder, key) = (self.folder, format!("goals.{name}"));
+        let mut raw = raw.clone();
+        raw.resolve(&key, self.document, |path| folder.join(path), &mut self.problems);
+        raw.goal(&key, &mut check::Validation::new(self.document, &mut self.problems))
     }
 
     fn posture(&mut self, name: &str, raw: &RawPosture) -> Option<Vec<f64>> {
-        let key = format!("postures.{name}");
-        let q = match (&raw.file, raw.q_rad_or_m.is_empty()) {
-            (Some(path), true) => self.goal_file(&key, path)?.q_rad_or_m,
-            (None, false) => raw.q_rad_or_m.clone(),
-            _ => {
-                self.wrong(&key, "needs either q_rad_or_m or file (of `vservo ctl teach --save`)".into());
-                return None;
-            }
-        };
-        if q.is_empty() {
-            self.wrong(
-                &format!("{key}.file"),
-                "has no q_rad_or_m: `vservo ctl teach --save FILE` writes it".into(),
-            );
-        }
-        for (i, x) in q.iter().enumerate() {
-            self.within(&format!("{key}.q_rad_or_m[{i}]"), *x, &POSITION);
-        }
-        Some(q)
+        let (folder, key) = (self.folder, format!("postures.{name}"));
+        let mut raw = raw.clone();
+        raw.resolve(&key, self.document, |path| folder.join(path), &mut self.problems);
+        raw.posture(&key, &mut check::Validation::new(self.document, &mut self.problems))
     }
 
     fn steps(&mut self, key: &str, raw: &[RawStep], names: &Names<'_>, depth: usize) -> Vec<ProgramStep> {

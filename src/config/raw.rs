@@ -2,11 +2,13 @@
 //!
 //! Each table rejects unknown keys. `validate` checks the values.
 
+use super::named_goal::{RawNamedGoal, RawPosture};
 use super::target::RawTarget;
 use crate::control::safety::ContactReaction;
 use crate::drive::CommandMode;
 use crate::vision::PoseApproach;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 mod faults;
@@ -64,6 +66,12 @@ table! {
         /// `[[faults]]`: what is put wrong on purpose
         #[serde(skip_serializing_if = "Vec::is_empty")]
         faults: Vec<RawFault> = Vec::new(),
+        /// `[goals.NAME]`: goals that `vservo ctl goal` may name
+        #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+        goals: BTreeMap<String, RawNamedGoal> = BTreeMap::new(),
+        /// `[postures.NAME]`: postures that `vservo ctl goto` may name
+        #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+        postures: BTreeMap<String, RawPosture> = BTreeMap::new(),
     }
 }
 

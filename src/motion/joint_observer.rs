@@ -32,6 +32,7 @@ mod friction;
 mod model_change;
 mod past;
 mod settings;
+mod unheard;
 mod untold_friction;
 
 pub use settings::ObserverSettings;
@@ -139,6 +140,10 @@ pub(super) struct JointObserver<const N: usize> {
     /// Friction that the file does not tell, and the disturbance when the reference last stood.
     untold: UntoldFriction<N>,
     at_rest: (SVector<f64, N>, SVector<f64, N>),
+    /// The last readings, and the disturbance when each of them last changed.
+    heard: (SVector<f64, N>, SVector<f64, N>, SVector<f64, N>),
+    /// Joints whose encoders are not trusted: nothing is learnt from them.
+    unheard: [bool; N],
     /// Whether each joint has been found to stick, and for how many ticks it has been still.
     sticks: [bool; N],
     still_ticks: [u32; N],
@@ -163,6 +168,8 @@ impl<const N: usize> JointObserver<N> {
             confirmed: ConfirmedFriction::new(&settings.inertia),
             untold: UntoldFriction::default(),
             at_rest: (zero, zero),
+            heard: (zero, zero, zero),
+            unheard: [false; N],
             sticks: [false; N],
             still_ticks: [0; N],
         }
@@ -257,6 +264,7 @@ impl<const N: usize> JointObserver<N> {
         self.believed = settled;
         if settled {
             (self.p, self.t) = self.past.before;
+            self.forget_unheard();
         }
     }
 
@@ -321,6 +329,11 @@ impl<const N: usize> JointObserver<N> {
             return if settings.velocity_rad_s > 0.0 { state } else { (*q, *qd) };
         };
         let (mut q_now, mut v_now) = (*q, *qd);
+        for i in 0..N {
+            if q[i] != self.heard.0[i] && !self.unheard[i] {
+                (self.heard.0[i], self.heard.1[i], self.heard.2[i]) = (q[i], self.p[i], self.t[i]);
+            }
+        }
         let learns = settings.disturbance_rad_s > 0.0 && !self.settled;
         if let Some(velocity) = commanded.reference.filter(|_| learns)
             && self.untold.note(robot, &velocity, q, &settings.encoder_step)
@@ -340,7 +353,8 @@ impl<const N: usize> JointObserver<N> {
         let trust = self.camera.trust();
         let probing = !self.believed && self.confirmed.is_probing();
         for i in 0..N {
-            let mut rate = if self.settled { 0.0 } else { settings.disturbance_rad_s * self.share };
+            let mut rate =
+                if self.settled || self.unheard[i] { 0.0 } else { settings.disturbance_rad_s * self.share };
             if settings.velocity_rad_s > 0.0 {
                 let v = v_before[i] + h * (commanded.u[i] + self.a[i]);
                 let predicted = q_before[i] + 0.5 * h * (v_before[i] + v);

@@ -69,19 +69,52 @@ impl<'a> ImageMessage<'a> {
     /// The frame in a message; `None` where it is none of 8-bit grey.
     #[must_use]
     pub fn take(message: &'a [u8]) -> Option<Self> {
-        let mut input = CdrInput { rest: message.strip_prefix(&CDR_LITTLE_ENDIAN)?, at: 0 };
-        let seconds = i64::from(input.u32()?.cast_signed());
-        let stamp = MonoNs(seconds * NS_PER_S + i64::from(input.u32()?));
-        input.sequence()?;
-        let (height_px, width_px) = (input.u32()?, input.u32()?);
-        let is_grey = input.sequence()?.strip_suffix(&[0]) == Some(ENCODING.as_bytes());
-        input.bytes(1)?;
-        let step = input.u32()?;
-        let pixels = input.sequence()?;
+        let (stamp, image) = RosImage::take(message)?;
+        let RosImage { width_px, height_px, encoding, is_bigendian: _, stride_bytes, data } = image;
         let size = u64::from(width_px) * u64::from(height_px);
-        let fits = step == width_px && pixels.len() as u64 == size;
-        (is_grey && fits).then_some(Self { stamp, width_px, height_px, pixels })
+        let fits = stride_bytes == width_px && data.len() as u64 == size;
+        (encoding == ENCODING && fits).then_some(Self { stamp, width_px, height_px, pixels: data })
     }
+}
+
+/// An image as any ROS program records it, `sensor_msgs/msg/Image`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RosImage<'a> {
+    /// Columns, px.
+    pub width_px: u32,
+    /// Rows, px.
+    pub height_px: u32,
+    /// How pixels are laid out (`mono8`, `bgr8`, ...).
+    pub encoding: &'a str,
+    /// Whether numbers of more than a byte begin with their highest.
+    pub is_bigendian: bool,
+    /// From one row to the next, bytes.
+    pub stride_bytes: u32,
+    /// The rows.
+    pub data: &'a [u8],
+}
+
+impl<'a> RosImage<'a> {
+    /// The image in a message with its stamp; `None` where it is none.
+    #[must_use]
+    pub fn take(message: &'a [u8]) -> Option<(MonoNs, Self)> {
+        let mut input = CdrInput { rest: message.strip_prefix(&CDR_LITTLE_ENDIAN)?, at: 0 };
+        let stamp = input.header()?;
+        let (height_px, width_px) = (input.u32()?, input.u32()?);
+        let encoding = input.text()?;
+        let is_bigendian = input.bytes(1)? != [0];
+        let (stride_bytes, data) = (input.u32()?, input.sequence()?);
+        Some((stamp, Self { width_px, height_px, encoding, is_bigendian, stride_bytes, data }))
+    }
+}
+
+/// The file of an image in a message of `sensor_msgs/msg/CompressedImage`; `None` where it is none.
+#[must_use]
+pub fn compressed_image(message: &[u8]) -> Option<&[u8]> {
+    let mut input = CdrInput { rest: message.strip_prefix(&CDR_LITTLE_ENDIAN)?, at: 0 };
+    input.header()?;
+    input.text()?; // the format, which the file tells itself
+    input.sequence()
 }
 
 /// Fills up to a multiple of four bytes from `begin`, then the number.
@@ -115,6 +148,18 @@ impl<'a> CdrInput<'a> {
     fn u32(&mut self) -> Option<u32> {
         self.bytes(self.at.next_multiple_of(4) - self.at)?;
         u32::take(&mut self.bytes(4)?)
+    }
+
+    /// A stamp and the name of a coordinate frame; the stamp.
+    fn header(&mut self) -> Option<MonoNs> {
+        let seconds = i64::from(self.u32()?.cast_signed());
+        let stamp = MonoNs(seconds * NS_PER_S + i64::from(self.u32()?));
+        self.sequence()?;
+        Some(stamp)
+    }
+
+    fn text(&mut self) -> Option<&'a str> {
+        std::str::from_utf8(self.sequence()?.strip_suffix(&[0])?).ok()
     }
 
     fn sequence(&mut self) -> Option<&'a [u8]> {

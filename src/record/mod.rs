@@ -20,7 +20,7 @@ mod sequence_counter;
 mod tests;
 mod writer;
 
-pub use image_message::ImageMessage;
+pub use image_message::{ImageMessage, RosImage, compressed_image};
 pub use reader::{RecordedMessage, RecordingReader};
 pub use ros2_schema::{ros2_name, ros2_schema};
 pub use sequence_counter::SequenceCounter;

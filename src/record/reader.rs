@@ -40,6 +40,12 @@ impl<'a> RecordedMessage<'a> {
         self.type_name
     }
 
+    /// The name of its definition; `None` where it has none.
+    #[must_use]
+    pub fn definition(&self) -> Option<&'a str> {
+        self.schema.map(|(header, _)| header.name.as_str())
+    }
+
     /// The bytes as they stand in the file.
     #[must_use]
     pub fn data(&self) -> &'a [u8] {
@@ -135,6 +141,13 @@ impl<R: Read> RecordingReader<R> {
     #[must_use]
     pub fn metadata(&self) -> &BTreeMap<String, BTreeMap<String, String>> {
         &self.metadata
+    }
+
+    /// The topics so far, with the names of their definitions.
+    pub fn topics(&self) -> impl Iterator<Item = (&str, &str)> {
+        let name =
+            |channel: &Channel| self.schemas.get(&channel.schema_id).map(|(header, _)| header.name.as_str());
+        self.channels.values().filter_map(move |channel| Some((channel.topic.as_str(), name(channel)?)))
     }
 
     /// At the end, why the file has none of its own: it is cut off or damaged there.

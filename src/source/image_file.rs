@@ -74,8 +74,15 @@ pub(super) fn check(path: &Path, size: Size) -> Result<(), SourceError> {
 /// # Errors
 /// [`SourceError`] names the file, and what is wrong with it.
 pub(super) fn load(path: &Path, size: Size) -> Result<GrayImage, SourceError> {
-    let bytes = read(path, open(path, size)?, size)?;
-    decode(path, &bytes, |found| check_size(path, found, size).map(|()| size))
+    decode_of_size(path, &read(path, open(path, size)?, size)?, size)
+}
+
+/// The image in `bytes`, which came from `path`.
+///
+/// # Errors
+/// [`SourceError`] names the file, and what is wrong with the image.
+pub(super) fn decode_of_size(path: &Path, bytes: &[u8], size: Size) -> Result<GrayImage, SourceError> {
+    decode(path, bytes, |found| check_size(path, found, size).map(|()| size))
 }
 
 /// The image in `bytes`, as far as `allowed` lets its size pass.
@@ -137,6 +144,14 @@ pub fn encode_png(
 
 /// Opens a plain file, or a link to one; never waits for the other end of a pipe, and does not touch devices.
 fn open(path: &Path, size: Size) -> Result<File, SourceError> {
+    let file = open_plain(path)?;
+    let length = file.metadata().map_err(|cause| SourceError::image(path, cause.into()))?.len();
+    check_length(path, length, size)?;
+    Ok(file)
+}
+
+/// The same of any length.
+pub(super) fn open_plain(path: &Path) -> Result<File, SourceError> {
     let failed = |cause: std::io::Error| SourceError::image(path, cause.into());
     plain(path, std::fs::metadata(path).map_err(failed)?.file_type())?;
     let flags = (OFlags::NONBLOCK | OFlags::NOCTTY).bits() as i32;
@@ -144,7 +159,6 @@ fn open(path: &Path, size: Size) -> Result<File, SourceError> {
     let found = file.metadata().map_err(failed)?;
     crate::input::used::note(&found);
     plain(path, found.file_type())?; // another may have come to this path in between
-    check_length(path, found.len(), size)?;
     Ok(file)
 }
 
@@ -194,7 +208,7 @@ fn decoder<'a>(
     reader.into_decoder().map_err(|cause| SourceError::image(path, cause))
 }
 
-fn check_size(path: &Path, (width, height): (u32, u32), size: Size) -> Result<(), SourceError> {
+pub(super) fn check_size(path: &Path, (width, height): (u32, u32), size: Size) -> Result<(), SourceError> {
     if (Size { width, height }) == size {
         return Ok(());
     }

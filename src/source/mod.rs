@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! arm states (1 kHz) ─► synthetic ─┐  scheduled: triggered
-//! folder of images   ─► replay    ─┴─► expose(exposure, buffer in shared memory)
+//! images, recording  ─► replay    ─┴─► expose(exposure, buffer in shared memory)
 //!                                      free-running: tells when it did
 //! another program    ─► external ┐
 //! a real camera      ─► v4l2 ────┴────────────► wait() ─► Captured { mid, span, sequence, lost }, fill(buffer in shared memory)
@@ -12,6 +12,7 @@ mod count;
 pub mod external;
 mod image_file;
 mod linear;
+mod recording;
 mod replay;
 mod stamp;
 pub mod v4l2;
@@ -19,6 +20,7 @@ pub mod v4l2;
 pub use crate::scene::Exposure;
 pub use image_file::{encode_png, load_image};
 use linear::Linearized;
+pub use recording::{RecordedCamera, RecordedTopic};
 pub use replay::Replay;
 use v4l2::{CaptureRequest, V4l2Error};
 
@@ -105,6 +107,14 @@ pub enum SourceError {
         width: u32,
         /// The camera's rows.
         height: u32,
+    },
+    /// A recording cannot be played.
+    #[error("camera.replay.recording: {file}: {what}", file = file.display())]
+    Recording {
+        /// The recording.
+        file: PathBuf,
+        /// What is wrong with it.
+        what: String,
     },
     /// An external camera gives images that are none.
     #[error("camera.source `external`: {0}")]
@@ -264,10 +274,21 @@ pub fn open(config: &Config) -> Result<AnySource, SourceError> {
         config::Source::Synthetic { .. } => scheduled(crate::dispatch_robot!(config.robot, |robot| {
             synthetic_camera_of(&robot, config).map(|camera| Box::new(camera) as Box<dyn ScheduledSource>)
         })??),
-        config::Source::Replay { folder, repeat, strict } => {
+        config::Source::Replay { images, repeat, strict } => {
             let i = config.camera.model.intrinsics();
-            let source: Box<dyn ScheduledSource> =
-                Box::new(Replay::open(folder, i.width_px, i.height_px, *repeat, *strict)?);
+            let (repeat, strict, size_px) = (*repeat, *strict, (i.width_px, i.height_px));
+            let source: Box<dyn ScheduledSource> = match images {
+                config::ReplayImages::Folder(folder) => {
+                    Box::new(Replay::open(folder, i.width_px, i.height_px, repeat, strict)?)
+                }
+                config::ReplayImages::Recording { file, topic } => {
+                    let (topic, camera) = (topic.as_deref(), config.camera.id);
+                    Box::new(RecordedCamera::open(
+                        file,
+                        &RecordedTopic { topic, camera, size_px, repeat, strict },
+                    )?)
+                }
+            };
             match table {
                 Some(table) => scheduled(Box::new(Linearized { table, source })),
                 None => scheduled(source),

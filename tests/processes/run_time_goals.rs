@@ -131,6 +131,42 @@ fn a_goal_is_taught_on_the_way_and_taken_up_again() {
 }
 
 #[test]
+fn goals_and_postures_of_the_run_file_are_known_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let taught = folder.path().join("taught.toml");
+    let s = "features = [{ id = 0, s = [-0.1, -0.1] }, { id = 1, s = [0.1, -0.1] }, { id = 2, s = [0.1, 0.1] }, { id = 3, s = [-0.1, 0.1] }]";
+    std::fs::write(&taught, format!("target = \"four_dots\"\nq_rad_or_m = [0.4, 0.2, 0.1, 0.3]\n{s}\n"))
+        .unwrap();
+    let file = format!("file=\"{}\"", taught.display());
+    let left = "goals.left={position_m=[-0.04,0.03,0.55],rotation_rpy_deg=[0,0,-20]}";
+    let (learnt, home) = (format!("goals.learnt={{{file}}}"), format!("postures.home={{{file}}}"));
+    let daemon =
+        Daemon::start("rt-names", &["--clock", "lockstep", "--set", left, "--set", &learnt, "--set", &home]);
+    std::fs::remove_file(&taught).unwrap(); // the run has what stood in it
+    accepts(&daemon, &["start"]);
+    converges(&daemon);
+    accepts(&daemon, &["goal", "left"]);
+    let status = converges(&daemon);
+    assert_eq!(status["goal"], 1);
+    assert!(status["position_error_m"].as_f64().unwrap() < 0.5e-3, "{status}");
+    accepts(&daemon, &["goto", "home"]);
+    accepts(&daemon, &["wait", "state=held", "--timeout-s", "120"]);
+    assert!(farthest(&posture(&daemon), &[0.4, 0.2, 0.1, 0.3]) < 1e-3);
+    accepts(&daemon, &["goal", "learnt"]);
+    for (request, name, why) in [
+        ("goal", "lefd", "did you mean `left`?"),
+        ("goto", "left", "not in [postures]"),
+        ("goal", "no-such.toml", "cannot be read"),
+    ] {
+        let (code, _, told) = ctl(&daemon, &[request, name]);
+        assert_eq!(code, Some(2), "{told}");
+        assert!(told.contains(why), "{name}: {told}");
+    }
+    accepts(&daemon, &["shutdown"]);
+    assert_eq!(daemon.ended().0, Some(0));
+}
+
+#[test]
 fn an_arm_goes_where_it_is_sent_and_no_farther_than_it_may() {
     let daemon = Daemon::start("rt-goto", &["--clock", "lockstep"]);
     let start = posture(&daemon);

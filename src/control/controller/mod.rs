@@ -14,6 +14,7 @@ mod contact;
 mod measurements;
 mod motion;
 mod orders;
+mod sensing;
 mod settings;
 
 pub use settings::{ControlOutput, ControllerSettings, Rest};
@@ -21,7 +22,9 @@ pub use settings::{ControlOutput, ControllerSettings, Rest};
 use crate::control::behaviour::{ArmModel, Behaviour, MotionCommand, PostureMotion};
 use crate::control::gate::{Gate, Passed};
 use crate::control::lifecycle::{Cue, State, Step};
-use crate::control::safety::{ArmWatch, Contact, ContactReaction, ContactWatch, Fault, RestWatch};
+use crate::control::safety::{
+    ArmWatch, Contact, ContactReaction, ContactWatch, EncoderWatch, Fault, RestWatch,
+};
 use crate::control::trace::{Event, Events};
 use crate::drive::{CommandMode, DriveCommand, DriveState};
 use crate::messages::Measurement;
@@ -42,9 +45,6 @@ const ASTRAY: f64 = 0.3;
 /// Speed below which an arm that was damped is held in position again, rad/s or m/s. Chosen by hand: an arm that sinks more slowly than this
 /// under a wrong gravity model is caught, and a faster one is damped only.
 const SLOW: f64 = 0.1;
-/// Velocity error up to which a drive that reported impossible values is trusted again, rad/s or m/s. Chosen by hand: the position must
-/// agree too, and noisy encoders report velocity errors of tenths of a rad/s.
-const EXPECTED_SPEED: f64 = 1.0;
 /// How long an arm may go on moving after its reference has come to rest. Chosen by hand: a run must end even if an arm never rests.
 const PATIENCE: SpanNs = SpanNs(3_000_000_000);
 
@@ -76,6 +76,7 @@ pub struct Controller<const N: usize> {
     /// A fault from outside that the next step takes in.
     failure: Option<Fault>,
     watch: ArmWatch<N>,
+    encoder_watch: EncoderWatch<N>,
     rest_watch: RestWatch<N>,
     contact_watch: ContactWatch<N>,
     reaction: ContactReaction,
@@ -136,6 +137,7 @@ impl<const N: usize> Controller<N> {
             fault: None,
             failure: None,
             watch: ArmWatch::default(),
+            encoder_watch: EncoderWatch::default(),
             rest_watch: RestWatch::default(),
             rest: Rest::Moving,
             rests_since: None,
@@ -200,6 +202,7 @@ impl<const N: usize> Controller<N> {
     /// Restarts the supervision of following, because the state of the drive is an old one.
     pub fn follow_anew(&mut self) {
         self.watch.late();
+        self.encoder_watch.late();
         self.contact_watch.late();
     }
 
@@ -253,6 +256,7 @@ impl<const N: usize> Controller<N> {
             self.events.push(Event::MotionOver);
         }
         self.joint_control.soften(self.fault.is_some());
+        self.joint_control.distrust(self.encoder_watch.distrusted());
         // Without a usable state the arm is assumed to be on its reference.
         let seen = state.is_some();
         let measured = state.unwrap_or_else(|| self.believed());
@@ -270,7 +274,7 @@ impl<const N: usize> Controller<N> {
         if let Some(fault) = fault.or_else(|| self.astray(&measured, &state.qd, &motion, seen)) {
             self.fail(fault);
         }
-        self.note_rest(now, seen);
+        self.note_rest(now, seen && self.encoder_watch.distrusted() == [false; N]);
         ControlOutput {
             command,
             state: self.state,
@@ -283,35 +287,6 @@ impl<const N: usize> Controller<N> {
         }
     }
 
-    /// The state of the drive, if it is plausible.
-    fn sense(&mut self, now: MonoNs, drive: &DriveState<N>) -> Option<DriveState<N>> {
-        let wrong = self.watch.note(now, drive, &self.arm.limits);
-        if let Some(fault) = wrong {
-            self.fail(fault);
-        }
-        if wrong.is_some_and(Fault::blinds) || self.failure.is_some_and(Fault::blinds) {
-            return None;
-        }
-        if self.fault.is_some_and(Fault::blinds) {
-            // A drive that has reported an impossible state is trusted again once its states agree with the reference.
-            let r = self.reference.state();
-            if (drive.q - r.q).amax() > self.max_tracking_error || (drive.qd - r.qd).amax() > EXPECTED_SPEED {
-                return None;
-            }
-        }
-        self.rest_watch.note(drive);
-        if !std::mem::replace(&mut self.start.is_checked, true) {
-            if (drive.q - self.start.q).amax() > self.start.tolerance {
-                self.events.push(Event::StartsElsewhere);
-                if !self.start.elsewhere {
-                    self.fail(Fault::StartsElsewhere);
-                }
-            }
-            self.reset_to_measured(drive);
-        }
-        Some(*drive)
-    }
-
     /// Updates the lifecycle by the view and by whether there is a posture to return to.
     fn live(&mut self, state: Option<&DriveState<N>>, confidence: f64, way_back: bool) {
         let before = self.state;
@@ -319,7 +294,8 @@ impl<const N: usize> Controller<N> {
             self.fault.get_or_insert(fault);
             self.cue(Cue::Failed);
             if let Some(state) = state {
-                self.reset_to_measured(state);
+                let believed = self.distrust_encoders(fault, state);
+                self.reset_to_measured(&believed);
             }
         }
         if self.rest == Rest::AtRest || (self.rest == Rest::Unknown && self.fault.is_some()) {

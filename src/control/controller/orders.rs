@@ -25,6 +25,7 @@ impl<const N: usize> Controller<N> {
             Step::To(next) => {
                 if request == Request::Reset {
                     (self.fault, self.failure) = (None, None);
+                    self.encoder_watch.restart();
                 }
                 if matches!(request, Request::Start | Request::Reset) {
                     self.restore_gain();

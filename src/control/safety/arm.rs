@@ -57,6 +57,8 @@ const FORGIVEN: f64 = 0.5;
 pub struct ArmWatch<const N: usize> {
     /// The last positions that differed from the ones before, and when they arrived.
     last: Option<(MonoNs, SVector<f64, N>)>,
+    /// The last positions that were reported.
+    reported: SVector<f64, N>,
     /// The last positions and their times, the oldest at `next`.
     recent: [(MonoNs, SVector<f64, N>); SPEED_WINDOW],
     next: usize,
@@ -76,6 +78,7 @@ impl<const N: usize> Default for ArmWatch<N> {
         let glide = Glide::begin(MonoNs::ZERO, SVector::zeros(), SVector::zeros());
         Self {
             last: None,
+            reported: SVector::zeros(),
             recent,
             next: 0,
             filled: 0,
@@ -88,26 +91,35 @@ impl<const N: usize> Default for ArmWatch<N> {
 }
 
 impl<const N: usize> ArmWatch<N> {
-    /// Takes in the drive's state at `now`; returns its fault. An implausible state is not remembered.
-    pub fn note(&mut self, now: MonoNs, state: &DriveState<N>, limits: &MotionLimits<N>) -> Option<Fault> {
+    /// Takes in the drive's state at `now`, and what is [believed](super::EncoderWatch) of it; returns its fault. An implausible state is not remembered.
+    pub fn note(
+        &mut self,
+        now: MonoNs,
+        reported: &DriveState<N>,
+        state: &DriveState<N>,
+        limits: &MotionLimits<N>,
+    ) -> Option<Fault> {
         let was_late = std::mem::take(&mut self.is_late);
-        if !state.q.iter().chain(state.qd.iter()).all(|x| x.is_finite()) {
+        if !reported.q.iter().chain(reported.qd.iter()).all(|x| x.is_finite()) {
             return Some(Fault::DriveStateNotFinite);
         }
-        if !limits.is_plausible(&state.q, &state.qd, ABSURD_SPEED) {
+        if !limits.is_plausible(&reported.q, &reported.qd, ABSURD_SPEED) {
             return Some(Fault::DriveStateImplausible);
         }
         let Some((since, last)) = self.last else {
-            self.last = Some((now, state.q));
+            (self.last, self.reported) = (Some((now, state.q)), reported.q);
             self.recent = [(now, state.q); SPEED_WINDOW];
             self.glide = Glide::begin(now, state.q, state.qd);
             return None;
         };
         let passed = (now - since).max(TICK);
         let farthest = |i: usize| ABSURD_SPEED * limits.speed(i) * passed.as_s() + JITTER;
-        if (0..N).any(|i| (state.q[i] - last[i]).abs() > farthest(i)) {
+        // An encoder that was frozen leaps to where its joint is believed to be.
+        let leap = |i: usize| (reported.q[i] - last[i]).abs().min((reported.q[i] - self.reported[i]).abs());
+        if (0..N).any(|i| leap(i) > farthest(i)) {
             return Some(Fault::DriveStateImplausible);
         }
+        self.reported = reported.q;
         if state.q != last {
             self.last = Some((now, state.q));
             if passed > LATE {
@@ -274,6 +286,10 @@ mod tests {
         DriveState { q: Vector2::new(q, 0.0), qd: Vector2::new(qd, 0.0), truth: None }
     }
 
+    fn note(watch: &mut ArmWatch<2>, ms: i32, state: &DriveState<2>) -> Option<Fault> {
+        watch.note(at(ms), state, state, &limits())
+    }
+
     #[test]
     fn what_no_arm_does_is_told_at_once() {
         for (q, qd, fault) in [
@@ -284,13 +300,9 @@ mod tests {
             (0.5, 0.0, Fault::DriveStateImplausible),
         ] {
             let mut watch = ArmWatch::default();
-            assert_eq!(watch.note(at(0), &state(0.0, 0.0), &limits()), None);
-            assert_eq!(watch.note(at(1), &state(q, qd), &limits()), Some(fault), "{q} {qd}");
-            assert_eq!(
-                watch.note(at(2), &state(0.0, 0.0), &limits()),
-                None,
-                "a state that was refused is forgotten"
-            );
+            assert_eq!(note(&mut watch, 0, &state(0.0, 0.0)), None);
+            assert_eq!(note(&mut watch, 1, &state(q, qd)), Some(fault), "{q} {qd}");
+            assert_eq!(note(&mut watch, 2, &state(0.0, 0.0)), None, "a state that was refused is forgotten");
         }
     }
 
@@ -300,7 +312,7 @@ mod tests {
             let mut watch = ArmWatch::default();
             let told = (0..400).find(|k| {
                 let q = speed * 1e-3 * f64::from(*k) - 0.5;
-                watch.note(at(*k), &state(q, speed), &limits()) == Some(Fault::TooFast)
+                note(&mut watch, *k, &state(q, speed)) == Some(Fault::TooFast)
             });
             assert_eq!(told.is_some(), within.is_some(), "{speed}");
             assert!(told.unwrap_or(0) <= within.unwrap_or(0), "{speed}: {told:?}");
@@ -312,7 +324,7 @@ mod tests {
         let mut watch = ArmWatch::default();
         for k in 0..400 {
             let q = 2.0 * 1e-3 * f64::from(k / 15 * 15);
-            assert_eq!(watch.note(at(k), &state(q, 1.9), &limits()), None, "{k}");
+            assert_eq!(note(&mut watch, k, &state(q, 1.9)), None, "{k}");
         }
     }
 
@@ -328,7 +340,7 @@ mod tests {
                 } else {
                     watch.late();
                 }
-                assert_eq!(watch.note(at(k), &held, &limits()), None, "{period}: {k}");
+                assert_eq!(note(&mut watch, k, &held), None, "{period}: {k}");
             }
         }
     }
@@ -338,7 +350,7 @@ mod tests {
         let mut watch = ArmWatch::default();
         let told = (0..1000).find(|k| {
             let q = 0.2e-3 * f64::from((*k).min(300));
-            watch.note(at(*k), &state(q, 0.2), &limits()) == Some(Fault::DriveStateImplausible)
+            note(&mut watch, *k, &state(q, 0.2)) == Some(Fault::DriveStateImplausible)
         });
         assert!((400..=900).contains(&told.unwrap()), "{told:?}");
     }
@@ -352,7 +364,7 @@ mod tests {
             let q = 1.9 * t.sin() + 3e-4 * random.gaussian();
             let steps = (q / 1e-3).round() * 1e-3;
             let state = state(steps, 1.9 * t.cos() + 0.3 * random.gaussian());
-            assert_eq!(watch.note(at(k), &state, &limits()), None);
+            assert_eq!(note(&mut watch, k, &state), None);
         }
     }
 

@@ -10,6 +10,8 @@
 //! | a joint does not follow its reference over 400 ms, or is farther from it than `tracking_error` | likewise |
 //! | a joint swings about its reference (under a law that outputs torques there is none): four times within 0.5 s, with 0.5 rad/s and more | likewise |
 //! | a drive that obeys velocities does not do as commanded: what a joint moved differs from it by more than `max_tracking_error` in sum, half of what it moved forgiven | likewise |
+//! | before a drive that obeys torques: an encoder's reading leaps, or stays the same in motion, for up to 30 ticks | the joint is believed to do what it was told, and the run goes on |
+//! | for longer | fault; a joint whose encoder is frozen is braked by what it is told, and not by its encoder (`encoders.rs`) |
 //! | the first motion of the image is that of a camera which is turned by 70 degrees and more against its mount (`servo/motion_agreement.rs`) | likewise |
 //! | something touches the arm: a torque from outside of nine standard deviations, or a drive's lag of as many (`safety.contact`) | likewise; goes back by what it pressed or more, or floats |
 //! | commands had to be changed before the drive for 100 ms, or are not finite | likewise |
@@ -25,12 +27,14 @@
 
 mod arm;
 mod contact;
+mod encoders;
 mod freshness;
 mod rest;
 mod swing;
 
 pub use arm::ArmWatch;
 pub use contact::{Contact, ContactReaction, ContactWatch};
+pub use encoders::{EncoderTraits, EncoderWatch, ExpectedMotion};
 pub use freshness::{Freshness, MeasurementWatch};
 pub use rest::RestWatch;
 
@@ -83,6 +87,8 @@ pub enum Fault {
     CameraTurned270,
     /// The same as if the camera's axes were others, or had other signs.
     CameraAxesExchanged,
+    /// The encoder of a joint stands still while the joint moves.
+    EncoderFrozen,
     /// Somebody latched a stop.
     StopLatched,
     /// Commands would have exceeded the limits, or were not finite.
@@ -93,7 +99,7 @@ pub enum Fault {
 
 impl Fault {
     /// All faults, with their codes in the protocol of the messages; those of a drive are 17 to 20. A code never changes its meaning.
-    const CODES: [(Self, u32); 22] = [
+    const CODES: [(Self, u32); 23] = [
         (Self::DriveStateNotFinite, 1),
         (Self::DriveStateImplausible, 2),
         (Self::TrackingError, 3),
@@ -112,6 +118,7 @@ impl Fault {
         (Self::CameraTurned180, 21),
         (Self::CameraTurned270, 22),
         (Self::CameraAxesExchanged, 23),
+        (Self::EncoderFrozen, 24),
         (Self::Drive(DriveFault::Stale), 17),
         (Self::Drive(DriveFault::Left), 18),
         (Self::Drive(DriveFault::Silent), 19),
@@ -189,6 +196,9 @@ impl Fault {
             Self::CameraTurned90 => turned_camera!("90"),
             Self::CameraTurned180 => turned_camera!("180"),
             Self::CameraTurned270 => turned_camera!("270"),
+            Self::EncoderFrozen => {
+                "the reading of a joint's encoder stopped dead in its motion, as no joint does, and stays the same to the last digit: see to the encoder and its cable"
+            }
             Self::CameraAxesExchanged => {
                 "the image moves as if the camera had other axes than camera.mount says, or some of other signs, so that the arm went away from its goal: see to \
                  the frame of the mount (z along the optical axis, x to the right of the image, y down), or find it with `vservo calibrate hand-eye`"

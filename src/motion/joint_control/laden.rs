@@ -80,6 +80,23 @@ impl<const N: usize> JointController<N> {
         self.payload.as_ref().map_or(SVector::zeros(), |payload| *payload.doubt())
     }
 
+    /// Positions and velocities at the last tick, and the accelerations that the command makes until the next (rad, rad/s, rad/s^2 or m, m/s, m/s^2); `None` while none acts.
+    #[must_use]
+    pub fn expected_motion(&self) -> Option<(SVector<f64, N>, SVector<f64, N>, SVector<f64, N>)> {
+        self.observer.expected_motion()
+    }
+
+    /// Learns nothing more from joints whose encoders are not trusted, and forgets what was learnt since their readings last changed.
+    pub fn distrust(&mut self, joints: [bool; N]) {
+        self.observer.distrust(joints);
+    }
+
+    /// Inertia of each joint while the others are free, about, kg m^2 or kg.
+    #[must_use]
+    pub fn inertia(&self) -> &SVector<f64, N> {
+        self.observer.inertia()
+    }
+
     /// Steps of the encoders, rad or m.
     #[must_use]
     pub fn encoder_step(&self) -> &SVector<f64, N> {

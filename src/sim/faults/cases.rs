@@ -43,7 +43,11 @@ const WEAK: RightEnds = RightEnds {
 };
 
 /// The same of a motor that does nothing at all.
-const GONE: RightEnds = RightEnds { has_no_brake: true, ..WEAK };
+const GONE: RightEnds = RightEnds {
+    faults: &[Fault::DoesNotFollow, Fault::TrackingError, Fault::Contact, Fault::TooFast],
+    has_no_brake: true,
+    ..WEAK
+};
 
 /// One way in which something is wrong.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -91,7 +95,12 @@ pub const FAULT_CASES: &[FaultCase] = &[
         "encoder-freeze",
         "kind='encoder_freeze',duration_s=100.0,joint=1",
         RightEnds {
-            faults: &[Fault::DriveStateImplausible, Fault::TrackingError, Fault::DoesNotFollow],
+            faults: &[
+                Fault::EncoderFrozen,
+                Fault::DriveStateImplausible,
+                Fault::TrackingError,
+                Fault::DoesNotFollow,
+            ],
             only_holds: false,
             has_no_brake: false,
         },
