@@ -161,6 +161,9 @@ pub struct Summary {
     /// What touched the arm and stopped it; left out where nothing did.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub contact: Option<ContactReport>,
+    /// Joints, from 0, whose encoders were not trusted at the end; left out where all were.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub untrusted_encoders: Vec<usize>,
     /// Over every joint state of a lockstep run, hexadecimal; `null` in real time.
     pub state_hash: Option<String>,
     /// What a calibration run found; left out in other runs.
@@ -219,6 +222,7 @@ impl Summary {
             rotors_kg_m2_or_kg: Vec::new(),
             model_error: None,
             contact: None,
+            untrusted_encoders: Vec::new(),
             state_hash: None,
             calibration: None,
             stability: None,
@@ -312,6 +316,13 @@ impl Summary {
         }
         if let Some(contact) = &self.contact {
             let _ = writeln!(t, "contact       {}", contact.to_text());
+        }
+        if !self.untrusted_encoders.is_empty() {
+            let _ = writeln!(
+                t,
+                "encoders      not trusted: joints {:?}, counted from 0",
+                self.untrusted_encoders
+            );
         }
         if self.late_drive_states > 0 {
             let _ = writeln!(t, "drive         {} ticks without a new state in time", self.late_drive_states);

@@ -36,6 +36,12 @@ impl<const N: usize> Controller<N> {
         Some(believed)
     }
 
+    /// The joints, from 0, that are not where their encoders say.
+    pub fn untrusted_encoders(&self) -> impl Iterator<Item = usize> + use<N> {
+        let distrusted = self.encoder_watch.distrusted();
+        (0..N).filter(move |i| distrusted[*i])
+    }
+
     /// Whether no state of the drive is used. One that has reported an impossible state is trusted again once its states agree with the reference.
     fn is_blind(&self, drive: &DriveState<N>) -> bool {
         let r = self.reference.state();

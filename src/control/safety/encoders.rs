@@ -28,8 +28,11 @@ const OFF_S: f64 = 1e-3;
 /// `a t^2 / 2` may be against each other.
 const UNEXPECTED: f64 = 50.0;
 /// Displacement that a joint must have made while its reading stays the same, rad or m, beside what its friction stops in a tick. Chosen by hand: with 0.1 rad/s, less than a
-/// tenth of the limits, it is the first tick. Slower joints may stick.
+/// tenth of the limits, it is the first tick: one that sticks has moved in the tick in which it stops.
 const UNMOVED: f64 = 1e-4;
+/// The same where the reported speed is neither none nor the one before: it is filtered, and late where a joint sticks. Chosen by hand: friction that brakes by 200 rad/s^2 behind a
+/// filter of 1.6 ms (100 Hz).
+const UNMOVED_BY_PLACE: f64 = 3e-4;
 /// Speed of a joint from which on a state that is the one before in all digits was not measured anew, rad/s or m/s. Chosen by hand: that of an arm at rest (`rest.rs`).
 const MOVES: f64 = 0.02;
 /// The share of a joint's friction beyond its model's that may have stopped it: friction is tested up to twice that of the file.
@@ -126,7 +129,9 @@ impl<const N: usize> EncoderWatch<N> {
             let off = (drive.q[i] - q).abs() - STEPS * traits.step[i];
             let is_still = drive.q[i] == last[i];
             let wrong = if is_still {
-                is_repeated || off > UNMOVED + stops * TICK.as_s().powi(2)
+                let is_frozen = drive.qd[i] == 0.0 || drive.qd[i] == last_qd[i];
+                let unmoved = if is_frozen { UNMOVED } else { UNMOVED_BY_PLACE };
+                is_repeated || off > unmoved + stops * TICK.as_s().powi(2)
             } else {
                 let unheard = (now - joint.changed).as_s();
                 joint.changed = now;
@@ -200,7 +205,7 @@ impl<const N: usize> EncoderWatch<N> {
 mod tests {
     use super::*;
     use crate::linalg::Random;
-    use nalgebra::Vector2;
+    use nalgebra::{Vector1, Vector2};
 
     /// Two joints, of which the first moves to and fro with up to `speed` rad/s, and what is wrong with its reading `reported(k, q, qd, q_before)` at tick `k`.
     /// Returns the largest errors of what is believed of it from tick 10 on, and the first fault with its tick.
@@ -288,6 +293,28 @@ mod tests {
         let (worst, _, fault) = watched(0.5, 0.0, |k, q, qd, _| (if k >= 800 { q + 0.01 } else { q }, qd));
         assert_eq!(fault, Some((830, Fault::DriveStateImplausible)));
         assert!((worst - 0.01).abs() < 1e-6, "{worst}");
+    }
+
+    /// A joint sticks while the speed that is reported is that of a filter: it stands, and no encoder is frozen.
+    #[test]
+    fn a_joint_that_sticks_behind_a_slow_filter_is_believed() {
+        let mut watch = EncoderWatch::<1>::default();
+        let traits = EncoderTraits {
+            step: Vector1::zeros(),
+            inertia: Vector1::repeat(1.0),
+            coulomb: Vector1::zeros(),
+        };
+        let (mut q, mut qd, mut seen) = (0.0_f64, 0.4_f64, 0.4_f64);
+        let mut expected: Option<ExpectedMotion<1>> = None;
+        for k in 0..200 {
+            seen += (qd - seen) * (1.0 - (-1.0_f64 / 1.6).exp());
+            let drive = DriveState { q: Vector1::new(q), qd: Vector1::new(seen), truth: None };
+            let told = watch.take(MonoNs(k * 1_000_000), &drive, &drive.q, expected.as_ref(), &traits);
+            assert_eq!(told, (drive, None), "tick {k}");
+            expected = Some(ExpectedMotion { q: drive.q, qd: drive.qd, qdd: Vector1::new(1.0) });
+            let slower = (qd - 0.15).max(0.0);
+            (q, qd) = (q + 0.5e-3 * (qd + slower), slower);
+        }
     }
 
     /// A joint that stands is told to move, and does not: nothing tells whether it is blocked or its encoder frozen, until something else is a fault.

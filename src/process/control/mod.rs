@@ -284,6 +284,7 @@ fn summary<const N: usize>(
             .map_or(Vec::new(), |rotors| rotors.iter().copied().collect()),
         model_error: measurement_log.model_error().report(&config.camera.model, &config.target),
         contact: control.controller().contact().map(Into::into),
+        untrusted_encoders: control.controller().untrusted_encoders().collect(),
         state_hash: lockstep.then(|| statistics.state_hash()),
         calibration: None,
         stability: None,
