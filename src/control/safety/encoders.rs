@@ -22,7 +22,7 @@ use nalgebra::SVector;
 /// Difference between reading and expectation up to which a reading is believed beside its steps, rad or m. Chosen by hand: at 40 rad/s (1600 1/s^2) it pushes a joint by 3.2 rad/s^2
 /// for a tick, a third of the usual limit; an acceleration of 10 rad/s^2 that is not expected makes as much in 20 ms.
 const LEAP: f64 = 2e-3;
-/// Time by which a state may be off beside that, s: one that was sampled a tick too early or late.
+/// Time by which a state may be off beside that, s. Derived: one that was sampled a tick of 1 ms too early or late.
 const OFF_S: f64 = 1e-3;
 /// Acceleration that is not in the expectation, while no reading came, rad/s^2 or m/s^2. Chosen by hand: five times the usual limit of 10 rad/s^2, twice, since both halves of
 /// `a t^2 / 2` may be against each other.
