@@ -159,6 +159,32 @@ fn neighbours_do_not_go_in_circles() {
     assert!(circles.is_empty(), "modules that need themselves by way of a neighbour: {circles:?}");
 }
 
+/// Names such as `servo/view.rs` in backticks.
+#[test]
+fn files_that_pages_name_are_there() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut sources = Vec::new();
+    ["src", "tests", "bin", "benches", "examples", "crates", "python/src"]
+        .map(|folder| files(&root.join(folder), &mut sources));
+    let mut pages = vec![root.join("ARCHITECTURE.md"), root.join("README.md")];
+    pages.extend(std::fs::read_dir(root.join("docs")).unwrap().flatten().map(|entry| entry.path()));
+    let (mut named, mut missing) = (0, Vec::new());
+    for page in pages.iter().filter(|page| page.extension().is_some_and(|e| e == "md")) {
+        let text = std::fs::read_to_string(page).unwrap();
+        let quoted = text.split('`').skip(1).step_by(2);
+        for name in quoted.filter(|name| name.ends_with(".rs") && name.contains('/') && !name.contains(' ')) {
+            named += 1;
+            if !name.contains('*')
+                && !name.contains("NAME")
+                && !sources.iter().any(|path| path.ends_with(name))
+            {
+                missing.push(format!("{}: {name}", page.display()));
+            }
+        }
+    }
+    assert!(named > 50 && missing.is_empty(), "{named} names, not there: {missing:#?}");
+}
+
 #[test]
 fn files_stay_readable() {
     let src = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
