@@ -149,12 +149,12 @@ impl fmt::Display for GuardianFinding {
 }
 
 /// Whether commands are judged.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum GuardianStage {
     /// No command has come since START, LAST or a reset.
     Unarmed,
-    /// The last command.
-    Armed(DriveCommandMsg),
+    /// One has.
+    Armed,
     /// The arm is stopped.
     Stopped,
 }
@@ -164,6 +164,8 @@ enum GuardianStage {
 pub struct Guardian {
     limits: GuardedLimits,
     stage: GuardianStage,
+    /// The last command, where armed.
+    last: DriveCommandMsg,
     silence: SpanNs,
     looked: Option<MonoNs>,
     /// The state from which the measured speed counts.
@@ -175,8 +177,8 @@ impl Guardian {
     /// Before the first command.
     #[must_use]
     pub fn new(limits: GuardedLimits) -> Self {
-        let stage = GuardianStage::Unarmed;
-        Self { limits, stage, silence: SpanNs::ZERO, looked: None, from: None, resting: 0 }
+        let (stage, last) = (GuardianStage::Unarmed, DriveCommandMsg::default());
+        Self { limits, stage, last, silence: SpanNs::ZERO, looked: None, from: None, resting: 0 }
     }
 
     /// Takes a command in.
@@ -189,12 +191,11 @@ impl Guardian {
             }
             return None;
         }
-        let before = match self.stage {
-            GuardianStage::Stopped => return None,
-            GuardianStage::Unarmed => None,
-            GuardianStage::Armed(before) => Some(before),
-        };
-        self.stage = GuardianStage::Armed(*command);
+        if self.has_stopped() {
+            return None;
+        }
+        let before = self.is_armed().then_some(self.last);
+        (self.stage, self.last) = (GuardianStage::Armed, *command);
         let finding = self.judge(command, before.as_ref());
         self.stop_by(finding)
     }
@@ -213,7 +214,7 @@ impl Guardian {
             return None;
         }
         self.from = Some(*state);
-        if span > LONGEST_SPAN || span < SpanNs::ZERO || !matches!(self.stage, GuardianStage::Armed(_)) {
+        if span > LONGEST_SPAN || span < SpanNs::ZERO || !self.is_armed() {
             return None;
         }
         let finding = (0..joints).find_map(|i| {
@@ -231,7 +232,7 @@ impl Guardian {
     /// Looks at `now`, after everything that had come by then was taken in; `life` is asked where commands are missing.
     pub fn look(&mut self, now: MonoNs, life: impl FnOnce() -> ControlLife) -> Option<GuardianFinding> {
         let passed = self.looked.replace(now).map_or(SpanNs::ZERO, |looked| now - looked);
-        if !matches!(self.stage, GuardianStage::Armed(_)) {
+        if !self.is_armed() {
             return None;
         }
         let silence = SpanNs(self.silence.0 + passed.0.clamp(0, LONGEST_LOOK.0));
@@ -257,7 +258,7 @@ impl Guardian {
     /// Whether commands are judged: a run is under way.
     #[must_use]
     pub fn is_armed(&self) -> bool {
-        matches!(self.stage, GuardianStage::Armed(_))
+        self.stage == GuardianStage::Armed
     }
 
     /// Whether the stop stands.

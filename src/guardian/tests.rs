@@ -50,7 +50,7 @@ fn beyond(finding: Option<GuardianFinding>) -> Option<(usize, GuardedNumber)> {
 fn a_motion_at_the_limits_is_nothing_to_stop() {
     let mut guardian = Guardian::new(limits());
     let (mut q, mut qd) = (-1.9, 0.0);
-    for tick in 0..2000 {
+    for tick in 0..3000 {
         let a = if tick < 150 { 10.0 } else { 0.0 };
         let a = if q + qd * qd / 20.0 > 1.9 && qd > 0.0 { -10.0 } else { a };
         let next: f64 = (qd + a * 1e-3_f64).clamp(0.0, 1.5);
@@ -143,7 +143,7 @@ fn a_machine_that_stood_as_a_whole_stops_nothing() {
 }
 
 #[test]
-fn before_the_first_command_and_after_the_last_nothing_is_silent() {
+fn before_the_first_command_and_after_last_nothing_is_silent() {
     let mut guardian = Guardian::new(limits());
     let mut time = 0;
     let mut wait = |guardian: &mut Guardian| {
