@@ -205,10 +205,7 @@ impl Guardian {
         let joints = self.limits.joints.min(MAX_JOINTS);
         let rests = state.qd.iter().take(joints).all(|qd| qd.abs() <= REST_SPEED);
         self.resting = if rests { self.resting.saturating_add(1) } else { 0 };
-        let Some(from) = self.from else {
-            self.from = Some(*state);
-            return None;
-        };
+        let from = *self.from.get_or_insert(*state);
         let span = state.stamp - from.stamp;
         if span < SPEED_SPAN && span >= SpanNs::ZERO {
             return None;

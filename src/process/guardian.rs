@@ -142,17 +142,17 @@ fn life_of(process: u32) -> ControlLife {
 fn limits(config: &Config) -> Result<GuardedLimits, ProcessError> {
     crate::dispatch_robot!(config.robot, |robot| {
         let limits = assemble::motion_limits(config, &robot)?;
-        let all = |of: &dyn Fn(usize) -> f64, joints: usize| -> [f64; MAX_JOINTS] {
+        let joints = robot.limits().len();
+        let all = |of: &dyn Fn(usize) -> f64| -> [f64; MAX_JOINTS] {
             std::array::from_fn(|i| if i < joints { of(i) } else { 0.0 })
         };
-        let joints = robot.limits().len();
         Ok(GuardedLimits {
             joints,
-            lower: all(&|i| limits.lower[i], joints),
-            upper: all(&|i| limits.upper[i], joints),
-            velocity: all(&|i| limits.velocity[i], joints),
-            acceleration: all(&|i| limits.acceleration[i], joints),
-            effort: all(&|i| robot.limits()[i].effort, joints),
+            lower: all(&|i| limits.lower[i]),
+            upper: all(&|i| limits.upper[i]),
+            velocity: all(&|i| limits.velocity[i]),
+            acceleration: all(&|i| limits.acceleration[i]),
+            effort: all(&|i| robot.limits()[i].effort),
             silence: config.safety.guardian_timeout,
         })
     })?
