@@ -22,6 +22,7 @@ pub mod explain;
 pub mod faults;
 pub mod features;
 pub mod geometry;
+pub mod guardian;
 pub mod imaging;
 pub mod input;
 pub mod linalg;

@@ -5,6 +5,7 @@
 """
 import argparse
 import ctypes
+import mmap
 import os
 import re
 import sys
@@ -98,6 +99,26 @@ def efforts(text, names):
     return np.array([found[name] for name in names])
 
 
+class GuardianStop:
+    """The stop of vservo's guardian: two numbers in the page that control makes before START. While they differ the drive brakes by itself and holds."""
+
+    ASKED = 88  # the number beside it says up to which stops were reset
+
+    def __init__(self, instance):
+        self.path = os.environ.get("VSERVO_ROOT", f"/dev/shm/vservo-{instance}") + "/stop"
+        self.page = None
+
+    def open(self):
+        try:
+            with open(self.path, "rb") as file:
+                self.page = mmap.mmap(file.fileno(), 4096, prot=mmap.PROT_READ)
+        except (OSError, ValueError):
+            self.page = None  # a control without one
+
+    def stands(self):
+        return self.page is not None and self.page[self.ASKED : self.ASKED + 8] != self.page[self.ASKED + 8 : self.ASKED + 16]
+
+
 class Ports:
     """drive/command in, drive/state out. vservo makes the services; this end waits for them."""
 
@@ -146,13 +167,14 @@ class Ports:
         self.notifier.notify()
 
 
-def run(arm, ports):
+def run(arm, ports, guardian):
     by_the_clock, next_ns, count, obeyed_ns = False, 0, 0, 0
     while True:
         for c in ports.receive(0 if by_the_clock else 50):
             if c.flags & LAST:
                 return
             if c.flags & START:
+                guardian.open()
                 arm.start(c.q_r)
                 by_the_clock = not c.flags & LOCKSTEP
                 next_ns = time.monotonic_ns()
@@ -160,6 +182,8 @@ def run(arm, ports):
                 continue
             if c.joints != arm.model.nv or not np.isfinite(c.tau).all():
                 sys.exit(f"mujoco drive: a command of {c.joints} joints, or with numbers that are none: not obeyed")
+            if guardian.stands():
+                continue  # below the brakes are closed, and stay so
             arm.obey(c.tau)
             obeyed_ns = time.monotonic_ns()
             if not by_the_clock:
@@ -168,7 +192,7 @@ def run(arm, ports):
         if by_the_clock:
             next_ns += TICK_NS
             time.sleep(max(0, next_ns - time.monotonic_ns()) * 1e-9)
-            if not arm.held and time.monotonic_ns() - obeyed_ns > BRAKE_NS:
+            if not arm.held and (guardian.stands() or time.monotonic_ns() - obeyed_ns > BRAKE_NS):
                 arm.brake()
             arm.step()
             count += 1
@@ -186,7 +210,7 @@ def main():
     a = p.parse_args()
     arm = Arm(a.urdf, a.lock, a.payload_kg, a.payload_com_m, a.tip)
     print(f"mujoco drive: {arm.model.nv} joints, instance {a.instance}", file=sys.stderr)
-    run(arm, Ports(a.instance))
+    run(arm, Ports(a.instance), GuardianStop(a.instance))
 
 
 if __name__ == "__main__":

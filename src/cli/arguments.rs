@@ -76,6 +76,9 @@ pub enum Command {
     },
     /// The vision process alone
     Vision(RoleArguments),
+    /// The guardian of a run with an external drive, which the supervisor starts
+    #[command(hide = true)]
+    Guardian(RoleArguments),
     /// The control process alone
     Control(RoleArguments),
     /// Write down everything that a running instance sends into an MCAP file

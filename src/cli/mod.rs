@@ -120,6 +120,7 @@ pub fn main() -> ExitCode {
         },
         Some(Command::Drive { question }) => drive::drive(&question),
         Some(Command::Vision(arguments)) => role(Role::Vision(CameraId::FIRST), &arguments),
+        Some(Command::Guardian(arguments)) => role(Role::Guardian, &arguments),
         Some(Command::Control(arguments)) => role(Role::Control, &arguments),
         Some(Command::Record(arguments)) => record::record(&arguments),
         Some(Command::Monitor(arguments)) => monitor::monitor(&arguments),
@@ -361,6 +362,7 @@ fn role(role: Role, arguments: &RoleArguments) -> Result<u8, ProcessError> {
             };
             run.map(|()| None)
         }
+        Role::Guardian => process::guardian::run(&config, &instance, &stop).map(|()| None),
         Role::Control | Role::Supervisor | Role::Drive | Role::CameraProgram(_) | Role::Recorder => {
             process::control::run(&config, &instance, &stop, report).map(Some)
         }

@@ -254,6 +254,10 @@ pub struct Safety {
     pub contact: ContactReaction,
     /// How the run goes on after camera or vision was lost and started anew.
     pub resume: ResumePolicy,
+    /// Whether a guardian watches the commands to an external drive.
+    pub guardian: bool,
+    /// Silence of a control that runs after which it stops the arm.
+    pub guardian_timeout: SpanNs,
 }
 
 /// Scheduling of the control thread.

@@ -392,6 +392,10 @@ table! {
         contact: ContactReaction = ContactReaction::Stop,
         /// Real time: how the run goes on after its camera or vision process was lost and started anew.
         resume: ResumePolicy = ResumePolicy::Automatic,
+        /// Real time, an external drive: whether a guardian watches control's commands and stops the arm when they are late, missing or wrong.
+        guardian: bool = true,
+        /// Silence of a control that runs after which the guardian stops the arm, ms; left out: as long as control may miss deadlines.
+        guardian_timeout_ms: Option<f64> = None,
     }
 }
 

@@ -26,7 +26,7 @@ use crate::mission::requests::{HOLD_S, TOLERANCE_PX};
 use crate::robot::RobotDescription;
 use crate::scene::SceneMotion;
 use crate::servo::ServoSettings;
-use crate::time::SpanNs;
+use crate::time::{SpanNs, TICK};
 use crate::vision::{PoseApproach, VisionSettings};
 use std::ops::RangeInclusive;
 
@@ -35,6 +35,8 @@ const MAX_FRAME_BYTES_IN_FLIGHT: f64 = 512e6;
 
 /// Chosen by hand: no measurement could meet less than a tick, 1 ms, and an arm that waits for a minute is taken for one that stands.
 const MEASUREMENT_TIMEOUT_MS: RangeInclusive<f64> = 1.0..=60_000.0;
+/// Chosen by hand: a guardian asks after 5 ms whether control is suspended or dead, and looks each millisecond; upwards as for measurements.
+const GUARDIAN_TIMEOUT_MS: RangeInclusive<f64> = 8.0..=60_000.0;
 /// Cores that the kernel's set of them has places for.
 const MAX_CPUS: u32 = 1024;
 
@@ -130,6 +132,12 @@ pub(super) fn validate(
         ),
         contact: raw.safety.contact,
         resume: raw.safety.resume,
+        guardian: raw.safety.guardian,
+        guardian_timeout: check.span_ms(
+            "safety.guardian_timeout_ms",
+            raw.safety.guardian_timeout_ms.unwrap_or_else(|| guardian_timeout_ms(&raw)),
+            GUARDIAN_TIMEOUT_MS,
+        ),
     };
     if let Some(cpu) = raw.realtime.cpu {
         check.count("realtime.cpu", cpu, 0..=MAX_CPUS - 1);
@@ -267,6 +275,12 @@ fn scene_motion(raw: &RawConfig, check: &mut Validation<'_>) -> SceneMotion {
             SceneMotion::Pendulum { amplitude_m: motion.amplitude_m.into(), frequency_hz }
         }
     }
+}
+
+/// The silence of a control that runs after which a guardian stops the arm, ms: as long as control itself may miss deadlines.
+fn guardian_timeout_ms(raw: &RawConfig) -> f64 {
+    let missed = TICK.as_s() * 1e3 * f64::from(raw.safety.max_missed_deadlines_in_a_row);
+    missed.clamp(*GUARDIAN_TIMEOUT_MS.start(), *GUARDIAN_TIMEOUT_MS.end())
 }
 
 fn timing(raw: &RawConfig, camera: &Camera, check: &mut Validation<'_>) {

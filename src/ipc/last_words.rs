@@ -1,4 +1,5 @@
-//! Why the program of an external drive has ended: a text that it leaves in the instance's directory, for the summary of the run.
+//! Why the program of an external drive has ended, and why the guardian has stopped the arm: texts that they leave in the instance's directory, for the summary of
+//! the run.
 
 use super::Instance;
 use super::runtime_dir::RuntimeDir;
@@ -6,26 +7,46 @@ use rustix::fs::OFlags;
 use std::fs::File;
 use std::io::{Read, Write};
 
-/// The file's name.
-const WORDS: &str = "drive.txt";
-/// The most that is read of it, bytes. Chosen by hand: some sentences.
+/// The files' names.
+const OF_DRIVE: &str = "drive.txt";
+const OF_GUARDIAN: &str = "guardian.txt";
+/// The most that is read of one, bytes. Chosen by hand: some sentences.
 const MOST: u64 = 2000;
 
 impl Instance {
     /// Leaves the reason of a drive's end. What cannot be left stands on stderr all the same.
     pub fn leave_words_of_drive(&self, words: &str) {
-        if let Ok(Some(place)) = RuntimeDir::open(&self.directory_name())
-            && let Ok(file) = place.new_file(WORDS)
-        {
-            let _ = File::from(file).write_all(words.as_bytes());
-        }
+        self.leave_words(OF_DRIVE, words);
     }
 
     /// The reason that a drive has left, in one line.
     #[must_use]
     pub fn words_of_drive(&self) -> Option<String> {
+        self.words(OF_DRIVE)
+    }
+
+    /// Leaves the reason of the guardian's stop. What cannot be left stands on stderr all the same.
+    pub fn leave_words_of_guardian(&self, words: &str) {
+        self.leave_words(OF_GUARDIAN, words);
+    }
+
+    /// The reason that the guardian has left, in one line.
+    #[must_use]
+    pub fn words_of_guardian(&self) -> Option<String> {
+        self.words(OF_GUARDIAN)
+    }
+
+    fn leave_words(&self, name: &str, words: &str) {
+        if let Ok(Some(place)) = RuntimeDir::open(&self.directory_name())
+            && let Ok(file) = place.new_file(name)
+        {
+            let _ = File::from(file).write_all(words.as_bytes());
+        }
+    }
+
+    fn words(&self, name: &str) -> Option<String> {
         let place = RuntimeDir::open(&self.directory_name()).ok()??;
-        let file = place.open_file(WORDS, OFlags::RDONLY).ok()??;
+        let file = place.open_file(name, OFlags::RDONLY).ok()??;
         let mut bytes = Vec::new();
         File::from(file).take(MOST).read_to_end(&mut bytes).ok()?;
         let words = String::from_utf8_lossy(&bytes).split_whitespace().collect::<Vec<_>>().join(" ");
@@ -46,6 +67,7 @@ mod tests {
         instance.check_place().unwrap();
         instance.leave_words_of_drive("protective stop:\n  its \u{1b}cause\n");
         assert_eq!(instance.words_of_drive().as_deref(), Some("protective stop: its \u{1b}cause"));
+        assert_eq!(instance.words_of_guardian(), None);
         instance.leave_words_of_drive(" \n");
         assert_eq!(instance.words_of_drive(), None);
         instance.remove_leftovers(None);

@@ -79,8 +79,8 @@ impl DrivePresence {
         let missing = match (self.sends(), self.hears()) {
             (true, true) => return "it is there".into(),
             (true, false) => "it sends states, but does not hear commands",
-            (false, true) => "it hears commands, but sends no states",
-            (false, false) => "nobody sends states or hears commands",
+            // A guardian and a recorder hear commands too, so that this says nothing of a drive.
+            (false, _) => "nobody sends states",
         };
         let types = format!(
             "`drive/state` carries {}, `drive/command` {}",

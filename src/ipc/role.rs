@@ -20,6 +20,8 @@ pub enum Role {
     CameraProgram(CameraId),
     /// Writes down what the others send.
     Recorder,
+    /// Watches control's commands to an external drive, and can only stop.
+    Guardian,
 }
 
 impl Role {
@@ -27,7 +29,8 @@ impl Role {
     pub fn all() -> impl Iterator<Item = Self> {
         let cameras = (0..MAX_CAMERAS as u8).map(CameraId);
         let of_cameras = cameras.flat_map(|id| [Self::Camera(id), Self::Vision(id)]);
-        [Self::Supervisor, Self::Control, Self::Drive, Self::Recorder].into_iter().chain(of_cameras)
+        let others = [Self::Supervisor, Self::Control, Self::Drive, Self::Recorder, Self::Guardian];
+        others.into_iter().chain(of_cameras)
     }
 
     /// The name of its sub-command.
@@ -41,6 +44,7 @@ impl Role {
             Self::Drive => "drive",
             Self::CameraProgram(_) => "camera program",
             Self::Recorder => "record",
+            Self::Guardian => "guardian",
         }
     }
 
@@ -49,7 +53,7 @@ impl Role {
     pub fn camera(self) -> Option<CameraId> {
         match self {
             Self::Camera(id) | Self::Vision(id) | Self::CameraProgram(id) => Some(id),
-            Self::Supervisor | Self::Control | Self::Drive | Self::Recorder => None,
+            Self::Supervisor | Self::Control | Self::Drive | Self::Recorder | Self::Guardian => None,
         }
     }
 }
@@ -75,7 +79,7 @@ mod tests {
     #[test]
     fn every_role_has_a_name_of_its_own() {
         let names: HashSet<_> = Role::all().map(|role| role.to_string()).collect();
-        assert_eq!(names.len(), 4 + 2 * MAX_CAMERAS);
+        assert_eq!(names.len(), 5 + 2 * MAX_CAMERAS);
         assert!(names.contains("camera") && names.contains("camera-1") && names.contains("vision-3"));
     }
 }

@@ -14,6 +14,9 @@
 //!                                             24  shutdown: the same
 //!                                             48  latched stop: the same, or any other number than lies there
 //!                                             72  of the supervisor: restarts (`restarts.rs`)
+//!                                             88  stop of the guardian: how often it was asked for; an external drive brakes by itself and
+//!                                             96  holds as long as this number, up to which such stops were reset, is another one
+//!                                            112  of control: its process id, 4 bytes
 //! ```
 //! Control makes the page anew when it takes its role; it is reserved then, and removed with the rest of the instance.
 
@@ -41,11 +44,13 @@ pub enum Halt {
     Shutdown,
     /// The arm comes to rest as by a fault, which is there until it is reset.
     Latch,
+    /// The same, asked for by the guardian: an external drive looks at it too, and brakes by itself.
+    Guardian,
 }
 
 impl Halt {
     /// All.
-    pub const ALL: [Self; 3] = [Self::Stop, Self::Shutdown, Self::Latch];
+    pub const ALL: [Self; 4] = [Self::Stop, Self::Shutdown, Self::Latch, Self::Guardian];
 }
 
 /// One thing that can be asked for: how often it was, how far control has come with that, and the state it led to. Zero at first.
@@ -57,11 +62,15 @@ struct RequestCounter {
     reserved: AtomicU32,
 }
 
-/// The page as it lies in memory, one line for each [`Halt`], then the restarts; the rest is zero.
+/// The page as it lies in memory; the rest is zero.
 #[repr(C)]
 struct Page {
-    lines: [RequestCounter; Halt::ALL.len()],
+    stop: RequestCounter,
+    shutdown: RequestCounter,
+    latch: RequestCounter,
     restarts: RestartCounters,
+    guardian: RequestCounter,
+    control_process: AtomicU32,
 }
 
 /// The page, mapped; any thread may use it.
@@ -101,9 +110,10 @@ impl StopWord {
     fn line(&self, halt: Halt) -> &RequestCounter {
         let page = self.page();
         match halt {
-            Halt::Stop => &page.lines[0],
-            Halt::Shutdown => &page.lines[1],
-            Halt::Latch => &page.lines[2],
+            Halt::Stop => &page.stop,
+            Halt::Shutdown => &page.shutdown,
+            Halt::Latch => &page.latch,
+            Halt::Guardian => &page.guardian,
         }
     }
 
@@ -148,6 +158,19 @@ impl StopWord {
         line.state.store(state as u32, Ordering::Relaxed);
         line.taken.store(number, Ordering::Release);
     }
+
+    /// For an external drive, in each of its cycles: whether the guardian's stop stands, so that the arm is to be braked by the drive's own means and held, whatever
+    /// is commanded. Two loads, no system call.
+    #[must_use]
+    pub fn is_stopped_by_guardian(&self) -> bool {
+        self.asked(Halt::Guardian).is_some()
+    }
+
+    /// The process of the control that made this page.
+    #[must_use]
+    pub fn control_process(&self) -> u32 {
+        self.page().control_process.load(Ordering::Relaxed)
+    }
 }
 
 impl Drop for StopWord {
@@ -162,6 +185,32 @@ impl Drop for StopWord {
 mod tests {
     use super::*;
     use crate::ipc::{Instance, Role};
+    use std::mem::offset_of;
+
+    /// Drives in other languages find these numbers by where they lie.
+    #[test]
+    fn the_places_on_the_page_are_fixed() {
+        let asked = [offset_of!(Page, stop), offset_of!(Page, shutdown), offset_of!(Page, latch)];
+        assert_eq!(asked, [0, 24, 48]);
+        assert_eq!((offset_of!(Page, restarts), offset_of!(Page, guardian)), (72, 88));
+        assert_eq!((offset_of!(RequestCounter, taken), offset_of!(Page, control_process)), (8, 112));
+    }
+
+    #[test]
+    fn a_stop_of_the_guardian_is_seen_until_it_is_reset() {
+        let instance: Instance = format!("u-guard-{}", std::process::id()).parse().unwrap();
+        let lock = instance.lock(Role::Control).unwrap();
+        let control = instance.make_stop_word().unwrap();
+        let drive = instance.open_stop_word().unwrap().unwrap();
+        assert_eq!(drive.control_process(), std::process::id());
+        assert!(!drive.is_stopped_by_guardian());
+        let number = instance.open_stop_word().unwrap().unwrap().ask(Halt::Guardian);
+        assert!(drive.is_stopped_by_guardian() && control.asked(Halt::Latch).is_none());
+        control.take(Halt::Guardian, number, ControlState::default());
+        assert!(!drive.is_stopped_by_guardian());
+        drop(lock);
+        instance.remove_leftovers(None);
+    }
 
     #[test]
     fn a_request_is_seen_until_it_is_taken_and_then_answered() {

@@ -3,9 +3,10 @@
 //!
 //! ```text
 //! supervisor ─ starts ─► guard ─ starts ─► program
-//!     dies, or asks for the end ─► guard waits until control has ended ─► TERM, and after a while KILL ─► program
+//!     dies, or asks for the end ─► guard waits until control has ended, and the guardian ─► TERM, and after a while KILL ─► program
 //! ```
 
+use super::guardian::OUTLIVES;
 use super::{ProcessError, StopFlag, follow_parent};
 use crate::ipc::{Instance, Role};
 use crate::rt::{now, tell};
@@ -22,6 +23,9 @@ const GRACE: SpanNs = SpanNs(400_000_000);
 /// The same of a drive's program, which may still wait for its arm's rest. Chosen by hand: `vservo-drive-ur` waits 3 s for that, and then ends its program on
 /// the robot; a robot whose states come slowly took 0.5 s.
 pub(super) const GRACE_OF_DRIVE: SpanNs = SpanNs(4_000_000_000);
+/// Longest time for which the guardian, which waits for the arm's rest, keeps the program from being ended after control has. Derived: a guardian that is well ends
+/// before, and one that is suspended must not keep it for ever.
+const GUARDED: SpanNs = SpanNs(OUTLIVES.0 + 1_000_000_000);
 /// Period at which the program is looked at. Chosen by hand: a user does not notice a hundredth of a second.
 const PERIOD: Duration = Duration::from_millis(5);
 
@@ -54,7 +58,7 @@ pub fn run(
     command.args(arguments);
     end_with_parent(&mut command);
     let mut child = command.spawn().map_err(failed)?;
-    let (mut asked, mut told) = (None, false);
+    let (mut asked, mut over, mut told) = (None, None, false);
     loop {
         if let Ok(Some(status)) = child.try_wait() {
             // Without a supervisor whoever leaves last cleans up.
@@ -62,7 +66,10 @@ pub fn run(
             return Ok(like(status));
         }
         // Control comes to rest by itself when the supervisor dies; whoever ends the drive before ends the arm's brake.
-        if stop.is_requested() && !instance.is_running(Role::Control) {
+        let is_over = stop.is_requested() && !instance.is_running(Role::Control);
+        let mut guarded =
+            || instance.is_running(Role::Guardian) && now() - *over.get_or_insert_with(now) < GUARDED;
+        if is_over && (asked.is_some() || !guarded()) {
             let pid = Pid::from_child(&child);
             match asked {
                 None => {

@@ -6,12 +6,12 @@
 //! START ─► ready? program ─► INITIAL      LAST, a stop, silence ─► braked, at rest, program ended      a fault ─► its words, exit code 4
 //! ```
 //! The robot's states set the pace: a state comes, is passed on, and the newest command goes back. Without commands for a tenth of a second the arm is braked; without
-//! this process the program on the robot does so.
+//! this process the program on the robot does so. While the guardian's stop stands, the arm is held whatever is commanded.
 
 use super::{ProcessError, StopFlag};
 use crate::config::RealtimeRequest;
 use crate::drive::CommandMode;
-use crate::ipc::{Instance, Receiver, Sender, Services};
+use crate::ipc::{Instance, Receiver, Sender, Services, StopWord};
 use crate::messages::{DriveCommandMsg, DriveStateMsg, drive_flag};
 use crate::rt::{now, prepare_thread, tell};
 use crate::time::{MonoNs, SpanNs};
@@ -69,7 +69,8 @@ fn drive(
     // In this order: with both, the drive counts as present.
     let (commands, _listener) = services.drive_command_receiver()?;
     let states = services.drive_state_sender()?;
-    let mut link = Link { arm, commands, states, sent: 0, count: 0, run: DriveStage::Waits };
+    let (run, word) = (DriveStage::Waits, None);
+    let mut link = Link { instance, arm, commands, states, sent: 0, count: 0, run, word, is_guarded: false };
     let result = link.serve(enable, stop);
     if result.is_err() {
         link.arm.abandon();
@@ -94,16 +95,21 @@ enum DriveStage {
     Obeys(Command, MonoNs),
 }
 
-struct Link {
+struct Link<'a> {
+    instance: &'a Instance,
     arm: Arm,
     commands: Receiver<DriveCommandMsg>,
     states: Sender<DriveStateMsg>,
     sent: u64,
     count: u64,
     run: DriveStage,
+    /// Where the guardian's stop is written.
+    word: Option<StopWord>,
+    /// Whether that stop stood at the last look.
+    is_guarded: bool,
 }
 
-impl Link {
+impl Link<'_> {
     fn serve(&mut self, enable: bool, stop: &StopFlag) -> Result<u8, ProcessError> {
         loop {
             let state = self.arm.next(WAIT)?;
@@ -135,6 +141,7 @@ impl Link {
                 DriveStage::Obeys(command, _) => command,
                 DriveStage::Waits | DriveStage::Held => Command::Hold,
             };
+            let command = if self.is_stopped_by_guardian() { Command::Hold } else { command };
             if state.is_some() {
                 self.arm.command(command)?;
             }
@@ -151,6 +158,8 @@ impl Link {
         if command.flags & drive_flag::LOCKSTEP != 0 {
             return Err(ProcessError::DriveLockstep);
         }
+        // Control makes it before its first START.
+        self.word = self.instance.open_stop_word().ok().flatten();
         if self.run == DriveStage::Waits {
             if !self.arm.make_ready(enable, &|| stop.is_requested())? {
                 return Ok(());
@@ -162,6 +171,16 @@ impl Link {
             Some(state) => self.send(&state, 0, drive_flag::INITIAL),
             None => Ok(()),
         }
+    }
+
+    /// Whether the guardian's stop stands; tells when it has come.
+    fn is_stopped_by_guardian(&mut self) -> bool {
+        let stands = self.word.as_ref().is_some_and(StopWord::is_stopped_by_guardian);
+        if stands && !std::mem::replace(&mut self.is_guarded, stands) {
+            tell("vservo-drive-ur: the guardian has stopped the arm; it is held until that is reset");
+        }
+        self.is_guarded = stands;
+        stands
     }
 
     fn send(&mut self, state: &ArmState, tick: u64, flags: u32) -> Result<(), ProcessError> {

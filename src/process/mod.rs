@@ -12,6 +12,8 @@ pub mod drive_guard;
 #[cfg(feature = "cli")]
 pub mod drive_ur;
 mod error;
+#[cfg(feature = "cli")]
+pub mod guardian;
 mod leftovers;
 #[cfg(feature = "cli")]
 mod membership;
@@ -52,7 +54,7 @@ pub use report_folder::{NewReport, ReportFolder};
 #[cfg(feature = "cli")]
 pub use seeing::frame_shape;
 #[cfg(feature = "cli")]
-use seeing::{LONGEST_SPIN, LONGEST_WAIT, WAKE_AHEAD, seeing_cameras, seeing_roles, shape_of};
+use seeing::{LONGEST_SPIN, LONGEST_WAIT, WAKE_AHEAD, seeing_cameras, seeing_roles, shape_of, watched_roles};
 #[cfg(feature = "cli")]
 pub use signals::follow_parent;
 #[cfg(feature = "cli")]

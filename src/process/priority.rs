@@ -1,8 +1,9 @@
-//! Real-time priorities of the processes beside control: what they do late, control misses.
+//! Real-time priorities of the processes beside control: what they do late, control misses. The guardian alone is above it.
 //!
 //! | thread | SCHED_FIFO priority |
 //! | --- | --- |
 //! | control's real-time thread | `realtime.priority` |
+//! | guardian: some microseconds each millisecond | 1 above: it must see a control that spins |
 //! | control's companion, where it carries an external drive's messages | 1 below |
 //! | camera: exposes at its time | 9 below |
 //! | vision: measures what was exposed | 10 below |
@@ -13,9 +14,11 @@ use crate::config::{Config, RealtimeRequest};
 use crate::rt;
 use tracing::info;
 
-/// How far below control the others are.
+/// Where the others are, seen from control.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Rank {
+    /// The guardian.
+    Guardian,
     /// Control's companion.
     Companion,
     /// A camera.
@@ -25,18 +28,20 @@ pub(super) enum Rank {
 }
 
 impl Rank {
-    fn below(self) -> u32 {
-        match self {
+    /// Its priority where control's is `control`, which is 98 at most.
+    fn beside(self, control: u32) -> u32 {
+        let below = match self {
+            Self::Guardian => return control.saturating_add(1),
             Self::Companion => 1,
             Self::Camera => 9,
             Self::Vision => 10,
-        }
+        };
+        control.saturating_sub(below).max(1)
     }
 
     /// What a thread of this rank asks for where control asks for `control`.
     pub(super) fn request(self, control: &RealtimeRequest) -> RealtimeRequest {
-        let priority = control.priority.saturating_sub(self.below()).max(1);
-        RealtimeRequest { priority, cpu: None, lock_memory: false }
+        RealtimeRequest { priority: self.beside(control.priority), cpu: None, lock_memory: false }
     }
 }
 
@@ -65,7 +70,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn everybody_is_below_control_and_above_nothing() {
+    fn all_but_the_guardian_are_below_control_and_above_nothing() {
         for control in [1, 5, 80, 98] {
             let request = RealtimeRequest { priority: control, cpu: Some(1), lock_memory: true };
             let of = |rank: Rank| rank.request(&request).priority;
@@ -76,8 +81,8 @@ mod tests {
         }
         let usual = RealtimeRequest { priority: 80, cpu: None, lock_memory: false };
         assert_eq!(
-            [Rank::Companion, Rank::Camera, Rank::Vision].map(|r| r.request(&usual).priority),
-            [79, 71, 70]
+            [Rank::Guardian, Rank::Companion, Rank::Camera, Rank::Vision].map(|r| r.request(&usual).priority),
+            [81, 79, 71, 70]
         );
     }
 }

@@ -1,5 +1,6 @@
 //! What the processes have in common: who sees for control, how large their frames are, how long they wait for each other.
 
+use super::guardian;
 use crate::config::{Camera, Clock, Config};
 use crate::ipc::{FrameShape, Role};
 use crate::time::SpanNs;
@@ -13,6 +14,12 @@ pub(super) const LONGEST_WAIT: Duration = Duration::from_millis(50);
 pub(super) fn seeing_roles(config: &Config) -> Vec<Role> {
     let cameras = seeing_cameras(config).map(|camera| Role::Camera(camera.id));
     std::iter::once(Role::Vision(config.camera.id)).chain(cameras).collect()
+}
+
+/// The processes beside control that a supervisor watches and starts anew: those that see for it, and the guardian.
+pub(super) fn watched_roles(config: &Config) -> Vec<Role> {
+    let guardian = guardian::is_wanted(config).then_some(Role::Guardian);
+    seeing_roles(config).into_iter().chain(guardian).collect()
 }
 
 /// The cameras that a run uses: one, or a pair.

@@ -11,7 +11,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 use vservo::config::Config;
 use vservo::drive::{CommandMode, Drive, DriveCommand, SimulatedDrive};
-use vservo::ipc::{Instance as Place, Sender, Services};
+use vservo::ipc::{Instance as Place, Sender, Services, StopWord};
 use vservo::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, drive_flag};
 use vservo::rt;
 use vservo::time::TICK;
@@ -38,6 +38,10 @@ struct TestDrive {
     obeyed: Option<(DriveCommandMsg, MonoNs)>,
     /// Whether the arm is braked because no command came.
     braked: bool,
+    /// Where the guardian's stop is written, and the reference of the arm that is braked by it.
+    word: Option<StopWord>,
+    guarded: Option<DriveCommandMsg>,
+    config: Config,
 }
 
 fn vector(v: &[f64; MAX_JOINTS]) -> SVector<f64, N> {
@@ -50,7 +54,18 @@ impl TestDrive {
         let q = vservo::config::assemble::q_start(config).unwrap();
         let settings = vservo::config::assemble::simulated_settings(config).unwrap();
         let drive = SimulatedDrive::new(robot, q, settings).unwrap();
-        Self { drive, states, behaviour, sent: 0, obeyed: None, braked: false }
+        let config = config.clone();
+        Self {
+            drive,
+            states,
+            behaviour,
+            sent: 0,
+            obeyed: None,
+            braked: false,
+            word: None,
+            guarded: None,
+            config,
+        }
     }
 
     fn misbehaves(&self, what: &str, tick: u64) -> bool {
@@ -75,12 +90,51 @@ impl TestDrive {
         }
     }
 
+    /// In each cycle: whether the guardian's stop stands, by which the arm is braked within the limits of acceleration, and then held. Before torques the brakes close.
+    fn is_stopped_by_guardian(&mut self) -> bool {
+        let stands = self.word.as_ref().is_some_and(StopWord::is_stopped_by_guardian);
+        if !stands || self.misbehaves("knows_no_guardian", 0) {
+            self.guarded = None;
+            return false;
+        }
+        let Some((last, _)) = self.obeyed else { return true };
+        let mut c = self.guarded.unwrap_or(last);
+        if c.mode == CommandMode::Torque as u32 {
+            if self.guarded.is_none() {
+                let robot = self.config.robot.build::<N>().unwrap();
+                let settings = vservo::config::assemble::simulated_settings(&self.config).unwrap();
+                self.drive = SimulatedDrive::new(robot, self.drive.read(rt::now()).q, settings).unwrap();
+            }
+        } else {
+            for i in 0..N {
+                let slower = self.config.motion.max_acceleration[i] * TICK.as_s();
+                c.qd_r[i] = c.qd_r[i].signum() * (c.qd_r[i].abs() - slower).max(0.0);
+                c.q_r[i] += c.qd_r[i] * TICK.as_s();
+            }
+            self.write(&c);
+        }
+        self.guarded = Some(c);
+        true
+    }
+
+    /// A line of the plant's own record in `VSERVO_TEST_PLANT`: time, ns; whether it brakes by itself; the true speed of the fastest joint, and the commanded one.
+    fn record(&mut self) {
+        let Some(path) = std::env::var_os("VSERVO_TEST_PLANT") else { return };
+        use std::io::Write;
+        let fastest = |v: &[f64]| v.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+        let state = self.drive.read(rt::now());
+        let speed = fastest(state.truth.map_or(state.qd, |(_, qd)| qd).as_slice());
+        let asked = self.obeyed.map_or(0.0, |(c, _)| fastest(&c.qd_r[..N]));
+        let mut log = std::fs::OpenOptions::new().create(true).append(true).open(path).unwrap();
+        writeln!(log, "{} {} {speed} {asked}", rt::now().0, u8::from(self.guarded.is_some())).unwrap();
+    }
+
     fn write(&mut self, c: &DriveCommandMsg) {
         self.drive.write(&DriveCommand { tau: vector(&c.tau), q_r: vector(&c.q_r), qd_r: vector(&c.qd_r) });
     }
 
     fn obey(&mut self, c: &DriveCommandMsg) {
-        if self.refuses(c) {
+        if self.refuses(c) || self.guarded.is_some() {
             return;
         }
         (self.obeyed, self.braked) = (Some((*c, rt::now())), false);
@@ -163,6 +217,7 @@ fn serve(place: &Place, config: &Config, behaviour: Behaviour) {
             }
             if c.flags & drive_flag::START != 0 {
                 assert_eq!(c.q_r[..N], config.start.q[..]);
+                drive.word = place.open_stop_word().unwrap();
                 by_the_clock = c.flags & drive_flag::LOCKSTEP == 0;
                 next = rt::now();
                 drive.send(0, if by_the_clock { next } else { c.stamp }, drive_flag::INITIAL);
@@ -174,11 +229,14 @@ fn serve(place: &Place, config: &Config, behaviour: Behaviour) {
             }
         }
         if by_the_clock {
-            drive.brake_in_silence();
+            if !drive.is_stopped_by_guardian() {
+                drive.brake_in_silence();
+            }
             next = next.max(rt::now() - SpanNs(10 * TICK.0)) + TICK;
             rt::sleep_until(next);
             count += 1;
             drive.send(count, rt::now(), 0);
+            drive.record();
         } else {
             listener.wait(Duration::from_millis(50)).unwrap();
         }

@@ -53,6 +53,7 @@ const OPTIONAL: &str = "
     faults = [{ kind = 'delay', from_s = 0.01, duration_s = 0.02, probability = 0.5, delay_ms = 10.0 }, \
     { kind = 'jump', from_s = 0.01, duration_s = 0.02, probability = 0.5, size_px = 2.0 }, { kind = 'corrupt', share = 0.1 }, \
     { kind = 'encoder_offset', size_rad_or_m = 0.001, joint = 0 }]
+    safety.guardian_timeout_ms = 100.0
     realtime.cpu = 0
     realtime.spin_us = 50.0
 ";

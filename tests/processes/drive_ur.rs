@@ -132,19 +132,29 @@ fn a_robot_that_may_not_move_is_refused_in_words() {
 /// Whoever goes, in whatever way, leaves an arm at rest: control brakes it, or the drive does, or the robot itself.
 #[test]
 fn a_run_that_is_stopped_or_killed_leaves_the_arm_at_rest() {
-    for who in ["stop", "supervisor", "drive", "control"] {
+    for who in ["stop", "supervisor", "drive", "control", "suspended"] {
         let (robot, instance) = (robot(Series::ESeries), Instance::new("urkilled"));
         let folder = tempfile::tempdir().unwrap();
         let summary = folder.path().join("summary.json");
-        let mut child = start_with(&instance, &robot, &summary);
+        let child = start_with(&instance, &robot, &summary);
         wait_until("a moving arm", || moves(&robot));
         match who {
             "stop" => kill(child.id() as i32, "INT"),
             "supervisor" => kill(child.id() as i32, "KILL"),
             "drive" => kill(process_of(&instance, "vservo-drive-ur"), "KILL"),
+            "suspended" => {
+                let control = process_of(&instance, "control");
+                kill(control, "STOP");
+                wait_until("an arm that stands", || !moves(&robot));
+                kill(control, "CONT");
+            }
             _ => kill(process_of(&instance, "control"), "KILL"),
         }
-        let status = child.wait().unwrap();
+        let output = child.wait_with_output().unwrap();
+        let (status, text) = (output.status, String::from_utf8_lossy(&output.stderr).into_owned());
+        if who == "suspended" {
+            assert!(text.contains("vservo-drive-ur: the guardian has stopped the arm"), "{text}");
+        }
         if who == "stop" {
             assert_eq!(read_summary(&summary)["outcome"], "stopped");
         } else {

@@ -26,6 +26,7 @@ mod external_drive;
 mod external_drive_joins;
 mod gains;
 mod goal_reached;
+mod guardian;
 mod hanging;
 mod hostile_files;
 mod in_process;

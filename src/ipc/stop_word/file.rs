@@ -5,6 +5,7 @@ use crate::ipc::InstanceError;
 use crate::ipc::runtime_dir::RuntimeDir;
 use rustix::fs::{FallocateFlags, OFlags, fallocate, fstat};
 use std::path::Path;
+use std::sync::atomic::Ordering;
 
 const FILE: &str = "stop";
 
@@ -15,7 +16,9 @@ impl StopWord {
         let fault = |cause| InstanceError::Place { path: folder.join(FILE), cause };
         // Reserved, not only made that long: a page that is missing when a tick looks at it would end the process.
         fallocate(&file, FallocateFlags::empty(), 0, BYTES as u64).map_err(fault)?;
-        Self::map(&file).map_err(fault)
+        let word = Self::map(&file).map_err(fault)?;
+        word.page().control_process.store(std::process::id(), Ordering::Relaxed);
+        Ok(word)
     }
 
     /// That of a running control; `None` when there is none, or none yet.

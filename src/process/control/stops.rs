@@ -18,10 +18,13 @@ pub(super) struct Stops {
     served: bool,
 }
 
+/// Stops that stand until they are reset: anybody's, and the guardian's.
+const LATCHED: [Halt; 2] = [Halt::Latch, Halt::Guardian];
+
 fn request(halt: Halt) -> Request {
     match halt {
         Halt::Shutdown => Request::Shutdown,
-        Halt::Stop | Halt::Latch => Request::Stop,
+        Halt::Stop | Halt::Latch | Halt::Guardian => Request::Stop,
     }
 }
 
@@ -35,7 +38,9 @@ impl Stops {
         if self.flag.is_requested() {
             control.stop(STOP_REASON);
         }
-        self.latch(control);
+        for halt in LATCHED {
+            self.latch(halt, control);
+        }
         for halt in [Halt::Stop, Halt::Shutdown] {
             if let Some(number) = self.word.asked(halt) {
                 // Refused only where the run ends anyway.
@@ -46,17 +51,17 @@ impl Stops {
     }
 
     /// A latched stop is a fault from when it is asked for until that is reset.
-    fn latch<const N: usize>(&self, control: &mut ControlLoop<N>) {
-        let Some(number) = self.word.asked(Halt::Latch) else { return };
+    fn latch<const N: usize>(&self, halt: Halt, control: &mut ControlLoop<N>) {
+        let Some(number) = self.word.asked(halt) else { return };
         let stands = control.controller().fault().is_some();
-        match self.word.begun(Halt::Latch) {
+        match self.word.begun(halt) {
             None => {
                 control.fail(Fault::StopLatched);
-                self.word.begin(Halt::Latch, ControlState::Fault);
+                self.word.begin(halt, ControlState::Fault);
             }
             // The next step takes the fault in, so that there is none here only after a reset.
             // With the state of a page on which nothing has begun, for the next one.
-            Some(_) if !stands => self.word.take(Halt::Latch, number, ControlState::default()),
+            Some(_) if !stands => self.word.take(halt, number, ControlState::default()),
             Some(_) => {}
         }
     }
@@ -68,7 +73,9 @@ impl Stops {
 
     /// Whether a wait between two ticks is to end: the next tick obeys.
     pub(super) fn are_asked(&self) -> bool {
-        let latches = self.word.asked(Halt::Latch).is_some() && self.word.begun(Halt::Latch).is_none();
+        let latches = LATCHED
+            .into_iter()
+            .any(|halt| self.word.asked(halt).is_some() && self.word.begun(halt).is_none());
         let halts = [Halt::Stop, Halt::Shutdown].into_iter().any(|halt| self.word.asked(halt).is_some());
         self.flag.is_requested() || halts || latches
     }
@@ -148,6 +155,16 @@ mod tests {
         file.write_all_at(&3_u64.to_le_bytes(), 48).unwrap();
         let state = tick(&mut control);
         assert_eq!(state, ControlState::Fault, "and works again");
+        let drive = instance.open_stop_word().unwrap().unwrap();
+        assert!(!drive.is_stopped_by_guardian(), "nobody but the guardian has the drive brake by itself");
+        let _ = instance.open_stop_word().unwrap().unwrap().ask(Halt::Guardian);
+        for _ in 0..300 {
+            tick(&mut control);
+        }
+        assert!(drive.is_stopped_by_guardian(), "one reset is the end of both");
+        control.request(Request::Reset).unwrap();
+        assert_eq!(tick(&mut control), ControlState::Idle);
+        assert_eq!((tick(&mut control), drive.is_stopped_by_guardian()), (ControlState::Idle, false));
         drop(lock);
         instance.remove_leftovers(None);
     }

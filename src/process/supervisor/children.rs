@@ -7,6 +7,7 @@ use crate::config::Config;
 use crate::config::{CameraProgram, Clock, DriveKind, DriveProgram, Source};
 use crate::ipc::{Instance, Role};
 use crate::process::drive_guard::GRACE_OF_DRIVE;
+use crate::process::guardian::{self, OUTLIVES};
 use crate::process::{ProcessError, seeing_cameras, seeing_roles};
 use crate::report::summary::{ProcessUsage, Summary};
 use crate::rt::{now, tell};
@@ -24,12 +25,17 @@ const SHUTDOWN_OF_CONTROL: SpanNs = SpanNs(8_000_000_000);
 const SLOWEST_DRIVE: f64 = 10.0;
 /// Time in which the other processes end: they notice a stop within 50 ms. Chosen by hand; those that do not are killed.
 const SHUTDOWN_OF_OTHERS: SpanNs = SpanNs(600_000_000);
+/// The same of the guardian: as long as it waits for the arm's rest, and time for itself, chosen by hand.
+const SHUTDOWN_OF_GUARDIAN: SpanNs = SpanNs(OUTLIVES.0 + 500_000_000);
 /// The same of a drive's program: what its guard gives it, and time for the guard, chosen by hand.
 const SHUTDOWN_OF_DRIVE: SpanNs = SpanNs(GRACE_OF_DRIVE.0 + 200_000_000);
 /// The same where vision has images to write. Chosen by hand: hundreds of PNG files on a slow disk.
 const SHUTDOWN_WITH_IMAGES: SpanNs = SpanNs(15_000_000_000);
 /// The same of a recorder. Chosen by hand: what may wait for a disk is 64 MB, which a slow one writes in that time.
 const SHUTDOWN_OF_RECORDER: SpanNs = SpanNs(10_000_000_000);
+/// Longest wait for a guardian that starts, after which control is started without it. Chosen by hand: it takes some hundredths of a second, and a busy machine its
+/// time; one that never comes ends the run.
+const GUARDIAN_JOINS: SpanNs = SpanNs(10_000_000_000);
 /// Longest wait for a recorder that starts, after which the run begins without it. Chosen by hand: it takes a fraction of a second, and a busy
 /// machine its time.
 const RECORDER_JOINS: SpanNs = SpanNs(10_000_000_000);
@@ -66,11 +72,17 @@ impl<'a> Children<'a> {
             let child = recorder.insert(Child::spawn(Role::Recorder, instance, written, outputs)?);
             wait_for_recorder(child, instance);
         }
+        let mut guardian = guardian::is_wanted(config)
+            .then(|| Child::spawn(Role::Guardian, instance, written, outputs))
+            .transpose()?;
+        if let Some(guardian) = &mut guardian {
+            wait_for_guardian(guardian, instance);
+        }
         let control = Child::spawn(Role::Control, instance, written, outputs)?;
         // From here on whatever fails ends what was started in order.
         let mut children = Self {
             control,
-            others: Vec::new(),
+            others: guardian.into_iter().collect(),
             recorder,
             instance,
             written,
@@ -119,7 +131,11 @@ impl<'a> Children<'a> {
             warn!("the control process does not end and is killed");
             self.control.kill();
         }
-        end_all(&mut self.others, self.shutdown_of_others);
+        // The guardian waits for the arm's rest, and nothing may take the drive away before.
+        let guardians = self.others.partition_point(|child| child.role() == Role::Guardian);
+        let (guardian, others) = self.others.split_at_mut(guardians);
+        end_all(guardian, SHUTDOWN_OF_GUARDIAN);
+        end_all(others, self.shutdown_of_others);
         end_all(self.recorder.as_mut_slice(), SHUTDOWN_OF_RECORDER);
         let end = self.control.wait();
         (end, self.control.take_output().and_then(|text| serde_json::from_str(&text).ok()))
@@ -198,6 +214,17 @@ fn wait_for_recorder(recorder: &mut Child, instance: &Instance) {
         }
         if now() - start > RECORDER_JOINS {
             return warn!("the recorder does not come: the recording may lack the beginning of the run");
+        }
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
+/// Waits until the guardian misses nothing any more.
+fn wait_for_guardian(guardian: &mut Child, instance: &Instance) {
+    let start = now();
+    while guardian.poll().is_none() && instance.progress(Role::Guardian).is_none_or(|steps| steps == 0) {
+        if now() - start > GUARDIAN_JOINS {
+            return warn!("the guardian does not come: nothing but control itself stops the arm as yet");
         }
         std::thread::sleep(Duration::from_millis(2));
     }

@@ -16,7 +16,7 @@ mod progress;
 mod reap;
 mod restarts;
 
-use super::{ProcessError, ReportFolder, StopFlag, seeing_roles, shape_of};
+use super::{ProcessError, ReportFolder, StopFlag, shape_of, watched_roles};
 use crate::config::Config;
 use crate::control::outcome::Outcome;
 use crate::input::printable;
@@ -127,7 +127,7 @@ fn supervise(
         return Ok(stopped_before_the_start(config, now() - start));
     }
     let latch = LatchSignal::handled(instance);
-    let hang_watch = HangWatch::new(instance, config.clock, seeing_roles(config), now());
+    let hang_watch = HangWatch::new(instance, config.clock, watched_roles(config), now());
     let mut children = Children::start(config, instance, written, outputs)?;
     let (failure, absent, restarts, end) = {
         let services = Services::join(instance).ok();
@@ -158,6 +158,10 @@ fn supervise(
         if !end.summary.reason.contains(&words) {
             end.summary.reason = format!("{}: {words}", end.summary.reason);
         }
+    }
+    // Why the arm was stopped comes before what came of it.
+    if let Some(words) = instance.words_of_guardian().filter(|_| end.summary.outcome == Outcome::Fault) {
+        end.summary.reason = format!("{}: {}", printable(&words), end.summary.reason);
     }
     if let Some(absent) = absent.filter(|_| end.summary.outcome == Outcome::NotConverged) {
         end.summary.reason = format!("{}: {absent}", end.summary.reason);

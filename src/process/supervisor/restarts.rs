@@ -1,4 +1,5 @@
-//! Camera and vision of a run in real time are started anew when they die or hang; the arm holds meanwhile, because its measurements grow old.
+//! Camera and vision of a run in real time are started anew when they die or hang; the arm holds meanwhile, because its measurements grow old. So is the guardian,
+//! without which a run goes on.
 //!
 //! ```text
 //!            dies, or hangs and is killed            its time has come            its main loop comes round
@@ -13,7 +14,7 @@
 use super::child::ProcessEnd;
 use crate::config::{Clock, Config, Source};
 use crate::ipc::{Instance, RestartCounts, Role, StopWord};
-use crate::process::seeing_roles;
+use crate::process::watched_roles;
 use crate::time::{MonoNs, SpanNs};
 use std::collections::BTreeMap;
 use tracing::{info, warn};
@@ -83,7 +84,7 @@ pub(super) enum Reaction {
     EndsTheRun,
 }
 
-/// Those that see for control.
+/// Those that see for control, and the guardian.
 pub(super) struct Restarts {
     instance: Instance,
     places: Vec<RestartPlace>,
@@ -97,7 +98,7 @@ pub(super) struct Restarts {
 impl Restarts {
     /// Of a run of `config`; nothing in lockstep.
     pub(super) fn new(config: &Config, instance: &Instance) -> Self {
-        let roles = if config.clock == Clock::Realtime { seeing_roles(config) } else { Vec::new() };
+        let roles = if config.clock == Clock::Realtime { watched_roles(config) } else { Vec::new() };
         let place = |role| RestartPlace {
             role,
             phase: RestartPhase::Starting,
@@ -140,7 +141,9 @@ impl Restarts {
 
     /// Vision has sent measurements of frames to control: all have worked in this run, whatever their heartbeats have told yet.
     pub(super) fn all_work(&mut self, now: MonoNs) {
-        let waiting = self.places.iter().filter(|place| !place.has_worked).map(|place| place.role);
+        let sees = |place: &&RestartPlace| place.role != Role::Guardian;
+        let waiting =
+            self.places.iter().filter(sees).filter(|place| !place.has_worked).map(|place| place.role);
         for role in waiting.collect::<Vec<_>>() {
             self.works(role, now);
         }
@@ -188,7 +191,8 @@ impl Restarts {
             "the {role} process {what}: control goes on without it, try {} to start it anew comes {when}",
             tries + 1
         );
-        if joined {
+        // Of the guardian nothing is lost that the arm would have to be held for.
+        if joined && role != Role::Guardian {
             self.losses = self.losses.wrapping_add(1);
         }
         self.tell();
@@ -311,6 +315,19 @@ mod tests {
         assert_eq!(r.absent(), None);
         assert_eq!(r.by_role(), BTreeMap::from([("vision".to_owned(), 3)]));
         assert_eq!(r.counts(), RestartCounts { losses: 1, camera: 0, vision: 3 });
+    }
+
+    #[test]
+    fn a_guardian_is_started_anew_and_holds_no_arm() {
+        let mut r = restarts(&["drive.kind=external"]);
+        r.all_work(at(0));
+        assert!(!r.is_hanging(Role::Guardian, STEADY), "that measurements come says nothing of it");
+        r.works(Role::Guardian, at(0));
+        assert_eq!(r.ended(Role::Guardian, killed(), true, at(1_000)), Reaction::StartsAnew);
+        assert_eq!((r.due(at(1_000)), r.counts()), (Some(Role::Guardian), RestartCounts::default()));
+        let mut without = restarts(&[]);
+        without.works(Role::Guardian, at(0));
+        assert_eq!(without.ended(Role::Guardian, killed(), true, at(1_000)), Reaction::EndsTheRun);
     }
 
     #[test]

@@ -1,0 +1,341 @@
+//! The guardian's judgement of what control sends to an external drive. It can only stop, and shares no code with what it judges: neither with the gate nor with the
+//! safety functions of control.
+//!
+//! ```text
+//! DriveCommandMsg ─► [command] finite? joints, mode? range, speed, acceleration, effort?  ─┐
+//! DriveStateMsg   ─► [state]   is the measured arm too fast?                              ─┼─► the first finding stops the arm
+//! each look       ─► [look]    did a command come? is control suspended, or dead?         ─┘
+//!
+//! START: unarmed ─ first command ─► armed ─ LAST ─► unarmed          armed ─ finding ─► stopped ─ reset ─► unarmed
+//! ```
+//! Between its first command and LAST a control that is well sends one each millisecond, also while the arm rests: every silence is a failure. Only time in which the
+//! guardian itself came round counts as silence, so that a machine that stood as a whole stops nothing.
+
+use crate::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, drive_flag};
+use crate::time::{MonoNs, SpanNs, TICK};
+use std::fmt;
+
+/// Longest time that counts as silence between two looks. Chosen by hand: two periods of looks, so that a late look counts in full, and one after a suspension hardly.
+const LONGEST_LOOK: SpanNs = SpanNs(2_000_000);
+/// Silence after which it is asked whether control is suspended or dead. Chosen by hand: five commands, more than one that was late; with a look and a cycle of the drive
+/// the brake begins within 8 ms, where 20 are asked for.
+const ASK_AFTER: SpanNs = SpanNs(5_000_000);
+/// What a number may be beyond its limit: this share, and this much. Chosen by hand: the gate admits half of what the jerk changes of an acceleration in a tick, 2.5 % at
+/// 500 rad/s3 and 10 rad/s2, and a step of that acceleration is 1e-2 rad/s.
+const TOLERANCE: f64 = 0.05;
+const ROUNDING: f64 = 1e-4;
+/// Factor of the velocity limit beyond which the measured arm is too fast, as control has it.
+const TOO_FAST: f64 = 1.5;
+/// Time over which the measured speed is a mean. Chosen by hand: twice what control takes, which is to be first.
+const SPEED_SPAN: SpanNs = SpanNs(40_000_000);
+/// States farther apart begin anew: what lies between is not known. Chosen by hand: three spans.
+const LONGEST_SPAN: SpanNs = SpanNs(120_000_000);
+/// Displacement that is noise of encoders, rad or m, as control has it.
+const NOISE: f64 = 5e-3;
+/// The arm rests when it has reported no speed beyond this, rad/s or m/s, in so many states in a row. Chosen by hand: above the noise of a good drive's velocities; 20 ms.
+const REST_SPEED: f64 = 0.01;
+const RESTING_STATES: u32 = 20;
+
+/// The limits of an arm's commands; of joints that there are not anything.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GuardedLimits {
+    /// Joints.
+    pub joints: usize,
+    /// Lower ends of their ranges, rad or m.
+    pub lower: [f64; MAX_JOINTS],
+    /// Upper ends.
+    pub upper: [f64; MAX_JOINTS],
+    /// Largest speeds, rad/s or m/s.
+    pub velocity: [f64; MAX_JOINTS],
+    /// Largest accelerations, rad/s^2 or m/s^2.
+    pub acceleration: [f64; MAX_JOINTS],
+    /// Largest torques or forces, N m or N.
+    pub effort: [f64; MAX_JOINTS],
+    /// Longest silence of a control that runs.
+    pub silence: SpanNs,
+}
+
+/// What the system says of control's process.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ControlLife {
+    /// It runs, or waits for its core, or for something.
+    Runs,
+    /// It was suspended by a signal.
+    Suspended,
+    /// It has ended.
+    Dead,
+}
+
+/// A number that has a limit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum GuardedNumber {
+    /// Commanded position, outside of its range and farther out than before.
+    Position,
+    /// Commanded velocity.
+    Velocity,
+    /// Mean velocity from one commanded position to the next.
+    Step,
+    /// Mean acceleration from one commanded velocity to the next.
+    Acceleration,
+    /// Commanded torque or force.
+    Effort,
+    /// Measured speed.
+    MeasuredSpeed,
+}
+
+/// Why the arm is to be stopped. Joints count from 1.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum GuardianFinding {
+    /// No command came.
+    Silent {
+        /// For so long.
+        silence: SpanNs,
+        /// What the system says of control.
+        life: ControlLife,
+    },
+    /// A command of another number of joints, or of another mode than those before.
+    Malformed {
+        /// Its joints.
+        joints: u32,
+        /// Its mode.
+        mode: u32,
+    },
+    /// A commanded number that is none.
+    NotFinite {
+        /// Whose.
+        joint: usize,
+    },
+    /// A number beyond its limit.
+    Beyond {
+        /// Whose.
+        joint: usize,
+        /// Which.
+        what: GuardedNumber,
+        /// The number, in SI units.
+        value: f64,
+        /// The limit.
+        limit: f64,
+    },
+}
+
+impl fmt::Display for GuardianFinding {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::Silent { silence, life } => {
+                write!(f, "no command from control for {:.1} ms", silence.as_s() * 1e3)?;
+                f.write_str(match life {
+                    ControlLife::Runs => "",
+                    ControlLife::Suspended => ", whose process is suspended",
+                    ControlLife::Dead => ", whose process has ended",
+                })
+            }
+            Self::Malformed { joints, mode } => {
+                write!(f, "a command of {joints} joints in mode {mode}, which is not what the run began with")
+            }
+            Self::NotFinite { joint } => write!(f, "joint {joint} is commanded a number that is none"),
+            Self::Beyond { joint, what, value, limit } => {
+                let (what, unit) = match what {
+                    GuardedNumber::Position => ("commanded to", " rad or m"),
+                    GuardedNumber::Velocity => ("commanded a velocity of", " rad/s or m/s"),
+                    GuardedNumber::Step => ("commanded a step of the position of", " rad/s or m/s"),
+                    GuardedNumber::Acceleration => ("commanded a step of the velocity of", " rad/s2 or m/s2"),
+                    GuardedNumber::Effort => ("commanded", " N m or N"),
+                    GuardedNumber::MeasuredSpeed => ("measured at", " rad/s or m/s"),
+                };
+                write!(f, "joint {joint} is {what} {value:.4}{unit}, beyond {limit:.4}")
+            }
+        }
+    }
+}
+
+/// Whether commands are judged.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum GuardianStage {
+    /// No command has come since START, LAST or a reset.
+    Unarmed,
+    /// One has.
+    Armed,
+    /// The arm is stopped.
+    Stopped,
+}
+
+/// The judgement of one run.
+#[derive(Debug, Clone)]
+pub struct Guardian {
+    limits: GuardedLimits,
+    stage: GuardianStage,
+    /// The last command, where armed.
+    last: DriveCommandMsg,
+    silence: SpanNs,
+    looked: Option<MonoNs>,
+    /// The state from which the measured speed counts.
+    from: Option<DriveStateMsg>,
+    resting: u32,
+}
+
+impl Guardian {
+    /// Before the first command.
+    #[must_use]
+    pub fn new(limits: GuardedLimits) -> Self {
+        let (stage, last) = (GuardianStage::Unarmed, DriveCommandMsg::default());
+        Self { limits, stage, last, silence: SpanNs::ZERO, looked: None, from: None, resting: 0 }
+    }
+
+    /// Takes a command in.
+    pub fn command(&mut self, command: &DriveCommandMsg) -> Option<GuardianFinding> {
+        self.silence = SpanNs::ZERO;
+        if command.flags & (drive_flag::START | drive_flag::LAST) != 0 {
+            // What is not a motion command moves nothing. A stop stands until it is reset.
+            if self.stage != GuardianStage::Stopped {
+                self.stage = GuardianStage::Unarmed;
+            }
+            return None;
+        }
+        if self.has_stopped() {
+            return None;
+        }
+        let before = self.is_armed().then_some(self.last);
+        (self.stage, self.last) = (GuardianStage::Armed, *command);
+        let finding = self.judge(command, before.as_ref());
+        self.stop_by(finding)
+    }
+
+    /// Takes a state of the arm in.
+    pub fn state(&mut self, state: &DriveStateMsg) -> Option<GuardianFinding> {
+        let joints = self.limits.joints.min(MAX_JOINTS);
+        let rests = state.qd.iter().take(joints).all(|qd| qd.abs() <= REST_SPEED);
+        self.resting = if rests { self.resting.saturating_add(1) } else { 0 };
+        let from = *self.from.get_or_insert(*state);
+        let span = state.stamp - from.stamp;
+        if span < SPEED_SPAN && span >= SpanNs::ZERO {
+            return None;
+        }
+        self.from = Some(*state);
+        if span > LONGEST_SPAN || span < SpanNs::ZERO || !self.is_armed() {
+            return None;
+        }
+        let finding = (0..joints).find_map(|i| {
+            let way = (state.q[i] - from.q[i]).abs() - NOISE;
+            self.beyond(
+                i,
+                GuardedNumber::MeasuredSpeed,
+                way / span.as_s(),
+                TOO_FAST * self.limits.velocity[i],
+            )
+        });
+        self.stop_by(finding)
+    }
+
+    /// Looks at `now`, after everything that had come by then was taken in; `life` is asked where commands are missing.
+    pub fn look(&mut self, now: MonoNs, life: impl FnOnce() -> ControlLife) -> Option<GuardianFinding> {
+        let passed = self.looked.replace(now).map_or(SpanNs::ZERO, |looked| now - looked);
+        if !self.is_armed() {
+            return None;
+        }
+        let silence = SpanNs(self.silence.0 + passed.0.clamp(0, LONGEST_LOOK.0));
+        self.silence = silence;
+        if silence < ASK_AFTER {
+            return None;
+        }
+        let life = life();
+        let is_over = silence >= self.limits.silence || life != ControlLife::Runs;
+        self.stop_by(is_over.then_some(GuardianFinding::Silent { silence, life }))
+    }
+
+    /// The stop was reset: what comes next is judged anew.
+    pub fn reset(&mut self) {
+        self.stage = GuardianStage::Unarmed;
+    }
+
+    /// A stop stands from elsewhere: of a guardian that was here before.
+    pub fn stop(&mut self) {
+        self.stage = GuardianStage::Stopped;
+    }
+
+    /// Whether commands are judged: a run is under way.
+    #[must_use]
+    pub fn is_armed(&self) -> bool {
+        self.stage == GuardianStage::Armed
+    }
+
+    /// Whether the stop stands.
+    #[must_use]
+    pub fn has_stopped(&self) -> bool {
+        self.stage == GuardianStage::Stopped
+    }
+
+    /// Whether the measured arm rests.
+    #[must_use]
+    pub fn is_at_rest(&self) -> bool {
+        self.resting >= RESTING_STATES
+    }
+
+    fn stop_by(&mut self, finding: Option<GuardianFinding>) -> Option<GuardianFinding> {
+        if finding.is_some() {
+            self.stage = GuardianStage::Stopped;
+        }
+        finding
+    }
+
+    fn judge(&self, now: &DriveCommandMsg, before: Option<&DriveCommandMsg>) -> Option<GuardianFinding> {
+        /// Numbers of the command modes, as every drive's program has them.
+        const TORQUE: u32 = 0;
+        const VELOCITY: u32 = 1;
+        const POSITION: u32 = 2;
+        let (joints, mode) = (now.joints, now.mode);
+        let is_other = before.is_some_and(|before| before.mode != mode);
+        if joints as usize != self.limits.joints || mode > POSITION || is_other {
+            return Some(GuardianFinding::Malformed { joints, mode });
+        }
+        let of = |i: usize| {
+            let (q, qd, tau) = (now.q_r[i], now.qd_r[i], now.tau[i]);
+            if ![q, qd, tau].iter().all(|x| x.is_finite()) {
+                return Some(GuardianFinding::NotFinite { joint: i + 1 });
+            }
+            let limits = &self.limits;
+            let found = self.beyond(i, GuardedNumber::Velocity, qd, limits.velocity[i]).or_else(|| {
+                let effort = if mode == TORQUE { tau } else { 0.0 };
+                self.beyond(i, GuardedNumber::Effort, effort, limits.effort[i])
+            });
+            let Some(before) = before else { return found };
+            let dt = now.tick.saturating_sub(before.tick).max(1) as f64 * TICK.as_s();
+            // What is commanded may lie outside only where the arm has started there, and then goes inward.
+            let (end, out) = if q > limits.upper[i] {
+                (limits.upper[i], q - before.q_r[i])
+            } else if q < limits.lower[i] {
+                (limits.lower[i], before.q_r[i] - q)
+            } else {
+                (q, 0.0)
+            };
+            let is_out = out > 0.0 && (q - end).abs() > ROUNDING;
+            let leaves =
+                GuardianFinding::Beyond { joint: i + 1, what: GuardedNumber::Position, value: q, limit: end };
+            let acceleration = || {
+                let step = rounded(qd - before.qd_r[i]) / dt;
+                self.beyond(i, GuardedNumber::Acceleration, step, limits.acceleration[i])
+            };
+            // A drive that obeys velocities alone is told positions for information: they are those of the measured arm now and then.
+            let step = || {
+                let step = if mode == VELOCITY { 0.0 } else { rounded(q - before.q_r[i]) / dt };
+                self.beyond(i, GuardedNumber::Step, step, limits.velocity[i])
+            };
+            found.or_else(|| is_out.then_some(leaves)).or_else(acceleration).or_else(step)
+        };
+        (0..self.limits.joints.min(MAX_JOINTS)).find_map(of)
+    }
+
+    /// The finding that `value` of joint `i` is beyond `limit`, where it is.
+    fn beyond(&self, i: usize, what: GuardedNumber, value: f64, limit: f64) -> Option<GuardianFinding> {
+        // Written so that a limit or a number that is none is beyond.
+        let is_within = value.abs() <= limit * (1.0 + TOLERANCE) + ROUNDING;
+        (!is_within).then_some(GuardianFinding::Beyond { joint: i + 1, what, value, limit })
+    }
+}
+
+/// A difference of two commanded numbers, less what may be rounding.
+fn rounded(difference: f64) -> f64 {
+    difference.signum() * (difference.abs() - ROUNDING).max(0.0)
+}
+
+#[cfg(test)]
+mod tests;

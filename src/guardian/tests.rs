@@ -1,0 +1,204 @@
+use super::*;
+
+const MS: i64 = 1_000_000;
+
+fn limits() -> GuardedLimits {
+    let all = |x: f64| [x; MAX_JOINTS];
+    GuardedLimits {
+        joints: 2,
+        lower: all(-2.0),
+        upper: all(2.0),
+        velocity: all(1.5),
+        acceleration: all(10.0),
+        effort: all(50.0),
+        silence: SpanNs(100 * MS),
+    }
+}
+
+const POSITION: u32 = 2;
+
+fn command(tick: u64, q: f64, qd: f64) -> DriveCommandMsg {
+    let mut m = DriveCommandMsg { tick, joints: 2, mode: POSITION, ..DriveCommandMsg::default() };
+    m.q_r[..2].copy_from_slice(&[q, 0.0]);
+    m.qd_r[..2].copy_from_slice(&[qd, 0.0]);
+    m
+}
+
+fn state(ms: i64, q: f64, qd: f64) -> DriveStateMsg {
+    let mut m = DriveStateMsg { stamp: MonoNs(ms * MS), joints: 2, ..DriveStateMsg::default() };
+    (m.q[0], m.qd[0]) = (q, qd);
+    m
+}
+
+/// Two commands, the second of them a tick after the first; what is found in it.
+fn after(first: DriveCommandMsg, change: impl FnOnce(&mut DriveCommandMsg)) -> Option<GuardianFinding> {
+    let mut guardian = Guardian::new(limits());
+    assert_eq!(guardian.command(&first), None);
+    let mut second = DriveCommandMsg { tick: first.tick + 1, ..first };
+    change(&mut second);
+    guardian.command(&second)
+}
+
+fn beyond(finding: Option<GuardianFinding>) -> Option<(usize, GuardedNumber)> {
+    match finding {
+        Some(GuardianFinding::Beyond { joint, what, .. }) => Some((joint, what)),
+        _ => None,
+    }
+}
+
+#[test]
+fn a_motion_at_the_limits_is_nothing_to_stop() {
+    let mut guardian = Guardian::new(limits());
+    let (mut q, mut qd) = (-1.9, 0.0);
+    for tick in 0..3000 {
+        let a = if tick < 150 { 10.0 } else { 0.0 };
+        let a = if q + qd * qd / 20.0 > 1.9 && qd > 0.0 { -10.0 } else { a };
+        let next: f64 = (qd + a * 1e-3_f64).clamp(0.0, 1.5);
+        (q, qd) = (q + 0.5e-3 * (qd + next), next);
+        assert_eq!(guardian.command(&command(tick, q, qd)), None, "{tick}: {q} {qd}");
+        assert_eq!(guardian.state(&state(tick as i64, q, 1.4 * qd)), None);
+        assert_eq!(guardian.look(MonoNs(tick as i64 * MS), || ControlLife::Runs), None);
+    }
+    assert!(q > 1.8 && guardian.is_armed());
+}
+
+#[test]
+fn each_wrong_number_is_found_by_its_name() {
+    let rests = command(7, 0.5, 0.0);
+    for number in [f64::NAN, f64::INFINITY] {
+        let found = after(rests, |c| c.tau[1] = number);
+        assert_eq!(found, Some(GuardianFinding::NotFinite { joint: 2 }));
+    }
+    let found = after(rests, |c| c.joints = 3);
+    assert_eq!(found, Some(GuardianFinding::Malformed { joints: 3, mode: POSITION }));
+    assert!(matches!(after(rests, |c| c.mode = 1), Some(GuardianFinding::Malformed { .. })));
+    assert!(matches!(after(rests, |c| c.mode = 9), Some(GuardianFinding::Malformed { .. })));
+    assert_eq!(beyond(after(rests, |c| c.qd_r[0] = -1.6)), Some((1, GuardedNumber::Velocity)));
+    assert_eq!(beyond(after(rests, |c| c.qd_r[1] = 0.0115)), Some((2, GuardedNumber::Acceleration)));
+    assert_eq!(beyond(after(rests, |c| c.q_r[0] += 0.002)), Some((1, GuardedNumber::Step)));
+    assert_eq!(after(rests, |c| c.tau[0] = 60.0), None, "a torque for information");
+    let torque = DriveCommandMsg { mode: 0, ..rests };
+    assert_eq!(beyond(after(torque, |c| c.tau[0] = -60.0)), Some((1, GuardedNumber::Effort)));
+    let velocity = DriveCommandMsg { mode: 1, ..rests };
+    assert_eq!(after(velocity, |c| c.q_r[0] += 0.1), None, "a position for information");
+    let edge = command(7, 2.0, 0.5);
+    let found = after(edge, |c| c.q_r[0] += 0.5e-3);
+    assert_eq!(beyond(found), Some((1, GuardedNumber::Position)));
+    assert_eq!(found.unwrap().to_string(), "joint 1 is commanded to 2.0005 rad or m, beyond 2.0000");
+    assert_eq!(
+        after(command(7, 2.1, -0.5), |c| c.q_r[0] -= 0.5e-3),
+        None,
+        "an arm that started outside goes inward"
+    );
+}
+
+#[test]
+fn skipped_ticks_give_a_step_the_time_that_passed() {
+    let slow = command(7, 0.5, 0.0);
+    assert_eq!(after(slow, |c| (c.tick, c.qd_r[0]) = (17, 0.09)), None);
+    assert_eq!(
+        beyond(after(slow, |c| (c.tick, c.qd_r[0]) = (17, 0.11))),
+        Some((1, GuardedNumber::Acceleration))
+    );
+}
+
+/// Looks each millisecond after a command; when it stops, and by what.
+fn silence(life: impl Fn(i64) -> ControlLife) -> (i64, GuardianFinding) {
+    let mut guardian = Guardian::new(limits());
+    assert_eq!(guardian.look(MonoNs(0), || ControlLife::Runs), None);
+    assert_eq!(guardian.command(&command(0, 0.0, 0.0)), None);
+    for ms in 1..1000 {
+        if let Some(finding) = guardian.look(MonoNs(ms * MS), || life(ms)) {
+            assert!(guardian.has_stopped());
+            return (ms, finding);
+        }
+    }
+    panic!("it never stopped")
+}
+
+#[test]
+fn a_suspended_or_dead_control_is_stopped_at_once() {
+    for (life, words) in [(ControlLife::Suspended, "is suspended"), (ControlLife::Dead, "has ended")] {
+        let (ms, finding) = silence(|_| life);
+        assert_eq!(ms, 5);
+        assert!(finding.to_string().starts_with("no command from control for 5.0 ms"), "{finding}");
+        assert!(finding.to_string().ends_with(words), "{finding}");
+    }
+    assert_eq!(silence(|ms| if ms < 30 { ControlLife::Runs } else { ControlLife::Suspended }).0, 30);
+}
+
+#[test]
+fn a_control_that_is_late_has_as_long_as_it_is_told() {
+    assert_eq!(silence(|_| ControlLife::Runs).0, 100);
+}
+
+#[test]
+fn a_machine_that_stood_as_a_whole_stops_nothing() {
+    let mut guardian = Guardian::new(limits());
+    assert_eq!(guardian.look(MonoNs(0), || ControlLife::Runs), None);
+    assert_eq!(guardian.command(&command(0, 0.0, 0.0)), None);
+    assert_eq!(guardian.look(MonoNs(3_600_000 * MS), || ControlLife::Suspended), None);
+    assert_eq!(guardian.command(&command(3_600_000, 0.0, 0.0)), None);
+    assert_eq!(guardian.look(MonoNs(3_600_001 * MS), || ControlLife::Suspended), None);
+}
+
+#[test]
+fn before_the_first_command_and_after_last_nothing_is_silent() {
+    let mut guardian = Guardian::new(limits());
+    let mut time = 0;
+    let mut wait = |guardian: &mut Guardian| {
+        (0..500).for_each(|_| {
+            time += MS;
+            assert_eq!(guardian.look(MonoNs(time), || ControlLife::Dead), None);
+        });
+    };
+    wait(&mut guardian);
+    let start = DriveCommandMsg { flags: drive_flag::START, joints: 2, ..DriveCommandMsg::default() };
+    assert_eq!(guardian.command(&start), None);
+    wait(&mut guardian);
+    assert_eq!(guardian.command(&command(0, 0.0, 0.0)), None);
+    assert!(guardian.is_armed());
+    // The last command may have any step: it names where to stay, and no velocity.
+    let last = DriveCommandMsg { flags: drive_flag::LAST, ..command(1, 1.0, 0.0) };
+    assert_eq!(guardian.command(&last), None);
+    wait(&mut guardian);
+}
+
+#[test]
+fn a_stop_stands_until_it_is_reset() {
+    let mut guardian = Guardian::new(limits());
+    guardian.stop();
+    let wrong = command(5, f64::NAN, 0.0);
+    assert_eq!(guardian.command(&wrong), None, "it stands already");
+    assert_eq!(guardian.command(&DriveCommandMsg { flags: drive_flag::START, ..wrong }), None);
+    assert!(guardian.has_stopped());
+    guardian.reset();
+    assert_eq!(guardian.command(&wrong), Some(GuardianFinding::NotFinite { joint: 1 }));
+}
+
+#[test]
+fn a_measured_arm_that_is_too_fast_is_stopped_and_noise_is_not() {
+    let run = |speed: f64, noise: f64| {
+        let mut guardian = Guardian::new(limits());
+        assert_eq!(guardian.command(&command(0, 0.0, 0.0)), None);
+        (0..300).find_map(|ms| {
+            let q = speed * ms as f64 * 1e-3 + if ms % 2 == 0 { noise } else { -noise };
+            guardian.state(&state(ms, q, speed)).map(|finding| (ms, finding))
+        })
+    };
+    assert_eq!(run(2.2, 2e-3), None);
+    let (ms, finding) = run(3.0, 0.0).unwrap();
+    assert_eq!((ms, beyond(Some(finding))), (40, Some((1, GuardedNumber::MeasuredSpeed))));
+}
+
+#[test]
+fn rest_is_twenty_states_without_speed() {
+    let mut guardian = Guardian::new(limits());
+    for ms in 0..20 {
+        assert!(!guardian.is_at_rest());
+        assert_eq!(guardian.state(&state(ms, 0.0, 0.001)), None);
+    }
+    assert!(guardian.is_at_rest());
+    assert_eq!(guardian.state(&state(21, 0.0, 0.2)), None);
+    assert!(!guardian.is_at_rest());
+}

@@ -1,0 +1,197 @@
+//! The guardian's process: watches the messages between control and an external drive, and stops the arm when control is late, dead, hung or wrong.
+//!
+//! ```text
+//! drive/command, drive/state ─► Guardian (core) ─ finding ─► stop word ─┬─► the drive, in its next cycle: brakes by itself, and holds
+//! /proc/CONTROL/stat ─────────►                                         └─► control, in its next tick: a fault until it is reset
+//! ```
+//! It looks each millisecond, sends nothing, and outlives control until the arm rests.
+
+use super::priority::{self, Rank};
+use super::{Membership, ProcessError, StopFlag};
+use crate::config::{Clock, Config, DriveKind, RealtimePolicy, assemble};
+use crate::guardian::{ControlLife, GuardedLimits, Guardian, GuardianFinding};
+use crate::ipc::{Halt, Instance, IpcError, Receiver, Role, StopWord};
+use crate::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, drive_flag};
+use crate::rt::{now, prepare_process, sleep_until};
+use crate::time::{SpanNs, TICK};
+use tracing::{error, info};
+
+/// Longest wait, after the end of control, for an arm that does not rest. Chosen by hand: as long as `vservo-drive-ur` waits for that.
+pub(super) const OUTLIVES: SpanNs = SpanNs(3_000_000_000);
+
+/// Whether a run of `config` has a guardian: an arm in control's own process stands when that does, and simulated time waits for everybody.
+pub(super) fn is_wanted(config: &Config) -> bool {
+    config.safety.guardian && config.clock == Clock::Realtime && config.drive.kind == DriveKind::External
+}
+
+/// Guards the run of `instance` until a stop is requested, control has ended, and the arm rests.
+///
+/// # Errors
+/// When the instance cannot be joined, or its messages are not received while no run is under way.
+pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<(), ProcessError> {
+    let limits = limits(config)?;
+    let membership = Membership::join(instance, Role::Guardian, config)?;
+    if config.realtime.policy != RealtimePolicy::Off
+        && let Some(Err(refusal)) = prepare_process(&config.realtime.request)
+    {
+        info!("memory not locked ({refusal})");
+    }
+    priority::take(config, Rank::Guardian)?;
+    let (commands, states) = membership.services().drive_recorders()?;
+    membership.services().require_room_for_peers()?;
+    let mut watch = GuardianWatch { instance, commands, states, guardian: Guardian::new(limits), word: None };
+    // From here on nothing that is sent is missed: the supervisor starts control now.
+    membership.tell_progress(1);
+    let (mut next, mut over) = (now(), None);
+    loop {
+        membership.beat();
+        watch.look()?;
+        if stop.is_requested() && !instance.is_running(Role::Control) {
+            let (guardian, since) = (&watch.guardian, now() - *over.get_or_insert_with(now));
+            let is_calm = !guardian.has_stopped() || guardian.is_at_rest();
+            if (!guardian.is_armed() && is_calm) || since > OUTLIVES {
+                return Ok(());
+            }
+        }
+        next = next.max(now() - TICK) + TICK;
+        sleep_until(next);
+    }
+}
+
+/// What it sees, and what it can do.
+struct GuardianWatch<'a> {
+    instance: &'a Instance,
+    commands: Receiver<DriveCommandMsg>,
+    states: Receiver<DriveStateMsg>,
+    guardian: Guardian,
+    /// There is none before control has made it.
+    word: Option<StopWord>,
+}
+
+impl GuardianWatch<'_> {
+    fn look(&mut self) -> Result<(), ProcessError> {
+        // Before the messages: what comes after it is no silence.
+        let time = now();
+        if self.word.is_none() {
+            self.word = self.instance.open_stop_word().ok().flatten();
+        }
+        let stands = self.word.as_ref().is_some_and(StopWord::is_stopped_by_guardian);
+        match (self.guardian.has_stopped(), stands) {
+            // Of a guardian that was here before.
+            (false, true) => self.guardian.stop(),
+            (true, false) => {
+                info!("the guardian's stop was reset");
+                self.guardian.reset();
+            }
+            _ => {}
+        }
+        let mut finding = None;
+        let taken = self.take(&mut finding);
+        if taken.is_err() && !self.guardian.is_armed() {
+            return Ok(taken?);
+        }
+        // In the middle of a run messages that are not received are a silence, and end in a stop.
+        let process = self.word.as_ref().map_or(0, StopWord::control_process);
+        if let Some(finding) = finding.or_else(|| self.guardian.look(time, || life_of(process))) {
+            self.stop(&finding);
+        }
+        Ok(())
+    }
+
+    /// Takes everything that has come; the first finding in it.
+    fn take(&mut self, finding: &mut Option<GuardianFinding>) -> Result<(), IpcError> {
+        while let Some(command) = self.commands.receive()? {
+            if command.flags & drive_flag::START != 0 {
+                self.word = None; // another control may have made another
+            }
+            *finding = finding.or(self.guardian.command(&command));
+        }
+        while let Some(state) = self.states.receive()? {
+            *finding = finding.or(self.guardian.state(&state));
+        }
+        Ok(())
+    }
+
+    /// First the stop, then its words.
+    fn stop(&self, finding: &GuardianFinding) {
+        if let Some(word) = &self.word {
+            let _ = word.ask(Halt::Guardian);
+        }
+        let words = format!("the guardian has stopped the arm: {finding}");
+        error!("{words}");
+        self.instance.leave_words_of_guardian(&words);
+    }
+}
+
+/// What the kernel says of a process. Where it says nothing of this one either, that is no sign of death.
+fn life_of(process: u32) -> ControlLife {
+    let state_of = |process: &str| {
+        let text = std::fs::read_to_string(format!("/proc/{process}/stat")).ok()?;
+        // Behind the program's name, which is in brackets and may contain any.
+        text.rsplit(')').next()?.trim_start().chars().next()
+    };
+    match state_of(&process.to_string()) {
+        Some('T') => ControlLife::Suspended,
+        Some('Z' | 'X') => ControlLife::Dead,
+        Some(_) => ControlLife::Runs,
+        None if process != 0 && state_of("self").is_some() => ControlLife::Dead,
+        None => ControlLife::Runs,
+    }
+}
+
+fn limits(config: &Config) -> Result<GuardedLimits, ProcessError> {
+    crate::dispatch_robot!(config.robot, |robot| {
+        let limits = assemble::motion_limits(config, &robot)?;
+        let joints = robot.limits().len();
+        let all = |of: &dyn Fn(usize) -> f64| -> [f64; MAX_JOINTS] {
+            std::array::from_fn(|i| if i < joints { of(i) } else { 0.0 })
+        };
+        Ok(GuardedLimits {
+            joints,
+            lower: all(&|i| limits.lower[i]),
+            upper: all(&|i| limits.upper[i]),
+            velocity: all(&|i| limits.velocity[i]),
+            acceleration: all(&|i| limits.acceleration[i]),
+            effort: all(&|i| robot.limits()[i].effort),
+            silence: config.safety.guardian_timeout,
+        })
+    })?
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::process::Command;
+
+    #[test]
+    fn the_kernel_tells_suspended_and_dead_processes() {
+        assert_eq!(life_of(std::process::id()), ControlLife::Runs);
+        assert_eq!(life_of(0), ControlLife::Runs, "nobody is no sign of death");
+        let mut child = Command::new("sleep").arg("600").spawn().unwrap();
+        let signal = |name: &str| {
+            Command::new("kill").args([name, &child.id().to_string()]).status().unwrap();
+        };
+        signal("-STOP");
+        while life_of(child.id()) != ControlLife::Suspended {
+            std::thread::yield_now();
+        }
+        signal("-CONT");
+        signal("-KILL");
+        while life_of(child.id()) != ControlLife::Dead {
+            std::thread::yield_now();
+        }
+        child.wait().unwrap();
+        assert_eq!(life_of(child.id()), ControlLife::Dead);
+    }
+
+    #[test]
+    fn a_guardian_is_wanted_by_external_drives_in_real_time() {
+        let wanted = |set: &[&str]| {
+            let set: Vec<String> = set.iter().map(ToString::to_string).collect();
+            is_wanted(&Config::load(None, &set).unwrap())
+        };
+        assert!(wanted(&["drive.kind=external"]));
+        assert!(!wanted(&[]) && !wanted(&["drive.kind=external", "run.clock=lockstep"]));
+        assert!(!wanted(&["drive.kind=external", "safety.guardian=false"]));
+    }
+}
