@@ -4,7 +4,7 @@
 #![allow(non_snake_case, clippy::unwrap_used)] // a bench that cannot be set up should say so at once
 
 use divan::{Bencher, black_box};
-use nalgebra::{Matrix6, Point3, SVector, Vector2, Vector6};
+use nalgebra::{Matrix6, Point3, SVector, Vector2, Vector3, Vector6};
 use vservo::camera_model::{CameraModel, Distortion, Intrinsics};
 use vservo::control::behaviour::{ArmModel, Behaviour, Servoing};
 use vservo::control::controller::{ControlOutput, Controller, ControllerSettings};
@@ -14,8 +14,8 @@ use vservo::drive::{CommandMode, DriveState};
 use vservo::geometry::Pose;
 use vservo::messages::{MAX_JOINTS, Measurement};
 use vservo::motion::{
-    InverseDynamicsControl, JointController, JointLaw, MotionLimits, ObserverSettings, Reference,
-    damp_singularity,
+    HalfSpace, InverseDynamicsControl, JointController, JointLaw, MotionLimits, ObserverSettings, Reference,
+    Workspace, WorkspaceSettings, damp_singularity,
 };
 use vservo::robot::{CameraJacobian, ExpressedIn, Mount, load};
 use vservo::servo::{
@@ -78,6 +78,15 @@ struct Running<const N: usize> {
 
 impl<const N: usize> Running<N> {
     fn new(name: &str, q: SVector<f64, N>, update: UpdatePolicy) -> Self {
+        Self::within(name, q, update, None)
+    }
+
+    fn within(
+        name: &str,
+        q: SVector<f64, N>,
+        update: UpdatePolicy,
+        space: Option<WorkspaceSettings>,
+    ) -> Self {
         let robot = load(name).unwrap().build::<N>().unwrap();
         let X_EC = X_EC();
         let near = Pose::new([0.02, -0.01, 0.05].into(), [0.05, -0.05, 0.2].into()) * goal();
@@ -115,7 +124,10 @@ impl<const N: usize> Running<N> {
         let joint_control =
             JointController::new(JointLaw::InverseDynamics(InverseDynamicsControl::new(40.0, 1.0)), observer);
         let arm = ArmModel { robot, limits: limits.clone() };
-        let settings = ControllerSettings::new(arm, joint_control, CommandMode::Torque, q);
+        let settings = ControllerSettings {
+            space,
+            ..ControllerSettings::new(arm, joint_control, CommandMode::Torque, q)
+        };
         let mut controller = Controller::new(settings, servo, Behaviour::Servoing(Servoing::new(watch)));
         controller.request(Request::Start).unwrap();
         Self { controller, limits, q, qd: SVector::zeros(), X_BO, tick: 0 }
@@ -143,8 +155,31 @@ impl<const N: usize> Running<N> {
 }
 
 fn ur5(update: UpdatePolicy) -> Running<6> {
-    Running::new("ur5", Vector6::new(0.46, -1.72, 1.45, -1.28, -1.82, 0.97), update)
+    Running::new("ur5", UR5, update)
 }
+
+/// A box of two metres and a table `below_m` under the camera of [`ur5`], for all links, with a speed of the camera.
+fn space(below_m: f64, self_collision: bool) -> WorkspaceSettings {
+    let camera = load("ur5").unwrap().build::<6>().unwrap().forward(&UR5) * X_EC();
+    let side = |normal: Vector3<f64>, offset_m| HalfSpace { name: String::new(), normal, offset_m };
+    let mut sides = vec![side(Vector3::z(), camera.translation.z - 0.04 - 0.01 - below_m)];
+    for axis in [Vector3::x(), Vector3::y(), Vector3::z()] {
+        sides.extend([side(axis, -2.0), side(-axis, -2.0)]);
+    }
+    WorkspaceSettings {
+        camera_speed_m_s: 0.25,
+        camera_turn_rad_s: f64::INFINITY,
+        flange_speed_m_s: f64::INFINITY,
+        margin_m: 0.01,
+        sides,
+        link_radius_m: vec![0.06; 6],
+        camera: Some((X_EC().translation.vector, 0.04)),
+        tool: None,
+        self_collision,
+    }
+}
+
+const UR5: Vector6<f64> = Vector6::new(0.46, -1.72, 1.45, -1.28, -1.82, 0.97);
 
 fn panda(update: UpdatePolicy) -> Running<7> {
     Running::new("panda", SVector::from([-0.16, -0.52, -0.14, -2.11, 0.09, 1.79, 0.21]), update)
@@ -186,6 +221,23 @@ fn reference_7_joints(bencher: Bencher, speed: f64) {
     bencher.bench_local(|| {
         tick += 1e-3;
         let requested_qd = SVector::<f64, 7>::from_fn(|i, _| speed * (1.0 + 0.1 * f64::sin(tick + i as f64)));
+        *reference.advance(black_box(&requested_qd), SpanNs::MILLISECOND)
+    });
+}
+
+/// The reference of 6 joints that moves to and fro within limits in space: a table that is far, one that the camera comes to, and the same with the arm before itself; `none`: without them.
+#[divan::bench(args = ["none", "far", "near", "near_and_itself"])]
+fn reference_6_joints_in_space(bencher: Bencher, which: &str) {
+    let ur5 = ur5(UpdatePolicy::Tick);
+    let mut reference = Reference::new(ur5.limits.clone(), ur5.q);
+    if which != "none" {
+        let settings = space(if which == "far" { 0.5 } else { 0.02 }, which == "near_and_itself");
+        reference = reference.within(Workspace::new(ur5.controller.arm().robot.clone(), settings));
+    }
+    let mut tick = 0.0;
+    bencher.bench_local(|| {
+        tick += 1e-3;
+        let requested_qd = Vector6::from_fn(|i, _| 0.2 * f64::sin(tick + 0.3 * i as f64));
         *reference.advance(black_box(&requested_qd), SpanNs::MILLISECOND)
     });
 }
@@ -238,4 +290,7 @@ fn tails() {
     measure("scara", scara(UpdatePolicy::Predict));
     measure("ur5", ur5(UpdatePolicy::Predict));
     measure("panda", panda(UpdatePolicy::Predict));
+    let within = |below_m| Running::within("ur5", UR5, UpdatePolicy::Predict, Some(space(below_m, false)));
+    measure("ur5 in space, far", within(0.5));
+    measure("ur5 in space, near", within(0.02));
 }

@@ -17,6 +17,7 @@ use crate::mission::truth::Truth;
 use crate::mission::{BelievedCell, Goal, LockstepRun, LookAndMove, Mission, RunPlan, RunTask, Service};
 use crate::motion::{
     InverseDynamicsControl, JointController, JointLaw, MotionLimits, ObserverSettings, PdGravityControl,
+    Workspace,
 };
 use crate::robot::{Friction, Robot, RobotError};
 use crate::scene::{ArmHistory, Renderer, SceneError, SyntheticCamera};
@@ -327,6 +328,7 @@ pub fn control_loop_with<const N: usize>(
         points: config.target.points().iter().map(|point| point.p_O).collect(),
     };
     let planning = cell();
+    let space = config.workspace.clone().map(|space| Workspace::new(robot.clone(), space));
     let (task, behaviour) = match (config.task, closed_loop) {
         (Task::CalibrateLatency, _) => {
             (RunTask::excitation(cell()), Behaviour::Excitation(Excitation::new(watch)))
@@ -344,6 +346,7 @@ pub fn control_loop_with<const N: usize>(
         may_start_elsewhere: config.start.elsewhere,
         max_tracking_error: config.safety.max_tracking_error,
         reaction: config.safety.contact,
+        space: config.workspace.clone(),
         ..ControllerSettings::new(ArmModel { robot, limits }, joint_control, config.drive.mode, q_start)
     };
     let plays_once = matches!(config.camera.source, Source::Replay { repeat: false, .. });
@@ -377,7 +380,7 @@ pub fn control_loop_with<const N: usize>(
         one_clock: config.clock == Clock::Realtime,
     };
     let control = ControlLoop::new(Controller::new(settings, servo, behaviour), drive, of_loop);
-    Ok(LockstepRun::new(control, Mission::new(plan, task, goal, truth).in_cell(planning)))
+    Ok(LockstepRun::new(control, Mission::new(plan, task, goal, truth).in_cell(planning).in_space(space)))
 }
 
 fn truth<const N: usize>(scene: &Scene) -> Result<Truth<N>, AssembleError> {

@@ -56,6 +56,7 @@ pub use wait_for::WaitFor;
 use crate::control::safety::ContactReaction;
 use crate::drive::{CommandMode, HardFriction, InnerServo, Payload, ShakingBase, Surroundings, TorqueRipple};
 use crate::faults::InjectedFaults;
+use crate::motion::WorkspaceSettings;
 use crate::robot::RobotDescription;
 use crate::servo::{ServoSettings, SetPoint};
 use crate::target::Target;
@@ -107,6 +108,8 @@ pub struct Config {
     pub set_point: SetPoint,
     /// Joint reference and joint controller.
     pub motion: Motion,
+    /// Limits in space, where there are some.
+    pub workspace: Option<WorkspaceSettings>,
     /// The drive.
     pub drive: DriveSettings,
     /// Reactions to faults.

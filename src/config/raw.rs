@@ -16,6 +16,7 @@ mod motion;
 mod servo;
 mod stereo;
 mod truth;
+mod workspace;
 
 pub(super) use super::frame_source::{LensWord, RawCamera, RawLens, RawRoi};
 pub(super) use super::place::{
@@ -28,6 +29,7 @@ pub(super) use servo::{AreaKind, DampingOn, Depth, FeatureGain, Gains, RawServo}
 pub use servo::{SchemeKind, SetPointKind};
 pub(super) use stereo::{RawStereo, RawTaughtPoint, RawTaughtView};
 pub(super) use truth::{RawTrueArm, RawTrueCamera, RawTrueLens, RawTrueTarget};
+pub(super) use workspace::RawWorkspace;
 
 table! {
     /// A whole run file.
@@ -57,6 +59,8 @@ table! {
         servo: RawServo = RawServo::default(),
         /// `[motion]`
         motion: RawMotion = RawMotion::default(),
+        /// `[workspace]`
+        workspace: RawWorkspace = RawWorkspace::default(),
         /// `[drive]`
         drive: RawDrive = RawDrive::default(),
         /// `[safety]`

@@ -7,6 +7,7 @@ mod lens;
 mod motion;
 mod start;
 mod truth;
+mod workspace;
 
 use super::check::Validation;
 use super::estimation::is_asked_for;
@@ -187,7 +188,12 @@ pub(super) fn validate(
         check.wrong("safety.contact", message);
     }
     let motion = motion::motion(&raw, (drive.mode, &drive.simulated), robot.as_ref(), check);
+    let mount = camera.as_ref().map(|camera| &camera.mount);
+    let workspace = workspace::workspace(&raw, robot.as_ref(), mount, check);
     let arm_is_good = check.count_problems() == before_arm;
+    if let (Some(robot), Some(workspace), true) = (&robot, &workspace, arm_is_good && views) {
+        workspace::start(&raw, robot, workspace, check);
+    }
     let scene = truth::scene(&raw, (camera.as_ref(), target.as_ref(), robot.as_ref()), scene_motion, check);
     if let (Some(target), Some(camera), false) = (&target, &camera, check.misses_a_pose()) {
         // A learnt Jacobian goes by a taught view alone.
@@ -243,6 +249,7 @@ pub(super) fn validate(
         servo,
         set_point,
         motion,
+        workspace,
         drive,
         safety,
         faults,

@@ -121,6 +121,7 @@ impl<const N: usize> ControlLoop<N> {
             path_began: self.controller.servo().path_began(),
             measurement_record: record,
             limits: output.limits,
+            held_by: output.held_by,
             external_torque: output
                 .external_torque
                 .map_or([[f64::NAN; MAX_JOINTS]; 2], |(torque, sd)| [torque, sd].map(|v| padded(&v))),

@@ -16,6 +16,9 @@
 
 mod arm_bound;
 mod joint_bound;
+mod space_bound;
+
+pub use space_bound::SpaceBound;
 
 use super::safety::Fault;
 use crate::drive::{CommandMode, DriveCommand, DriveState};

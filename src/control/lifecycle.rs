@@ -148,6 +148,8 @@ pub enum Refusal {
     NoGain = 18,
     /// The run has no arm that it moves.
     NoArm = 19,
+    /// A posture beyond a limit in space, or a way there through one.
+    OutOfWorkspace = 20,
 }
 
 impl Request {
@@ -191,7 +193,7 @@ impl Request {
 
 impl Refusal {
     /// All reasons.
-    pub const ALL: [Self; 19] = [
+    pub const ALL: [Self; 20] = [
         Self::InFault,
         Self::NoFault,
         Self::StillMoving,
@@ -211,6 +213,7 @@ impl Refusal {
         Self::TooFar,
         Self::NoGain,
         Self::NoArm,
+        Self::OutOfWorkspace,
     ];
 
     /// The reason and the remedy, for people.
@@ -251,6 +254,9 @@ impl Refusal {
                  servo.adaptive_gain is left out"
             }
             Self::NoArm => "this run has no arm that it could move",
+            Self::OutOfWorkspace => {
+                "the arm would be beyond a limit of [workspace] there, or on the straight way of its joints: go round it by another posture"
+            }
         }
     }
 

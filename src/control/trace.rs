@@ -11,7 +11,7 @@ use super::lifecycle::Request;
 use super::outcome::Finish;
 use super::safety::Fault;
 use crate::messages::{ControlState, JointState, MAX_JOINTS, Measurement, Status};
-use crate::motion::ActingLimits;
+use crate::motion::{ActingLimits, SpaceLimit};
 use crate::servo::MeasurementVerdict;
 use crate::time::{MonoNs, SpanNs};
 
@@ -55,6 +55,8 @@ pub struct Trace {
     pub path_began: Option<MonoNs>,
     /// The limits that acted.
     pub limits: ActingLimits,
+    /// The limit in space that acted.
+    pub held_by: Option<SpaceLimit>,
     /// The torque of each joint that comes from outside, N m or N, and its standard deviation; NaN where torques are not known.
     pub external_torque: [[f64; MAX_JOINTS]; 2],
     /// The events of the tick; the mission adds its own.
@@ -88,6 +90,7 @@ impl Trace {
             measurement_record: None,
             path_began: None,
             limits: ActingLimits::default(),
+            held_by: None,
             external_torque: [[f64::NAN; MAX_JOINTS]; 2],
             events: Events::default(),
             status: None,

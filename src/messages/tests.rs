@@ -85,8 +85,10 @@ fn records_lie_in_memory_as_xcdr1_encodes_them() {
 #[test]
 fn a_record_comes_back_from_its_bytes_to_the_bit() {
     let mut trace = TraceMsg { tick: u64::MAX, stamp: crate::time::MonoNs(-7), ..TraceMsg::default() };
-    (trace.limits, trace.q_r) =
-        ([1, 2, 3, 4, 5, 6, 7, 255], [-0.0, f64::MIN_POSITIVE, 1e300, -1.5, 0.1, 0.2, 0.3]);
+    (trace.limits, trace.q_r) = (
+        [1, 2, 3, 4, 5, 6, 7, 255, 0, 0, 0, 0, 0, 0, 8, 9],
+        [-0.0, f64::MIN_POSITIVE, 1e300, -1.5, 0.1, 0.2, 0.3],
+    );
     trace.feature_error_px = f64::from_bits(0x7ff8_0000_dead_beef);
     let mut bytes = Vec::new();
     trace.put(&mut bytes);

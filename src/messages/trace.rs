@@ -7,10 +7,10 @@ use crate::time::MonoNs;
 use iceoryx2::prelude::ZeroCopySend;
 
 /// Kinds of limits, in the order of [`TraceMsg::limits`]: a part of the protocol, which must change its version with it.
-pub const TRACE_LIMITS: usize = 8;
+pub const TRACE_LIMITS: usize = 16;
 
 record! {
-    "vservo.Trace.v3",
+    "vservo.Trace.v4",
     /// One tick: the inputs of control, its command, and the reasons. A code of 0 means none; codes of control's enumerations count
     /// from 1 in the order of their variants.
     #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -58,7 +58,7 @@ record! {
         pub events: u32,
         /// Orders of the mission that control has obeyed up to this tick.
         pub orders: u32,
-        /// The joints on which each [`crate::motion::Limit`] acted: bit 0 is the first joint.
+        /// The joints on which each [`crate::motion::Limit`] acted: bit 0 is the first joint. Entries beyond the limits that there are are 0.
         pub limits: [u8; TRACE_LIMITS],
         /// Measured positions, rad or m.
         pub q: [f64; MAX_JOINTS],
@@ -113,12 +113,12 @@ mod tests {
     #[test]
     #[allow(unsafe_code)]
     fn the_layout_is_fixed_and_named() {
-        assert_eq!((size_of::<TraceMsg>(), align_of::<TraceMsg>()), (696, 8));
+        assert_eq!((size_of::<TraceMsg>(), align_of::<TraceMsg>()), (704, 8));
         assert_eq!(offset_of!(TraceMsg, arm), 88);
         assert_eq!(offset_of!(TraceMsg, limits), 128);
-        assert_eq!(offset_of!(TraceMsg, q), 136);
-        assert_eq!(offset_of!(TraceMsg, qd_r), 528);
+        assert_eq!(offset_of!(TraceMsg, q), 144);
+        assert_eq!(offset_of!(TraceMsg, qd_r), 536);
         // SAFETY: the name is only read.
-        assert_eq!(unsafe { TraceMsg::type_name() }, "vservo.Trace.v3");
+        assert_eq!(unsafe { TraceMsg::type_name() }, "vservo.Trace.v4");
     }
 }

@@ -48,7 +48,7 @@ use crate::control::safety::{Fault, RestWatch};
 use crate::control::trace::{Event, Trace};
 use crate::drive::DriveState;
 use crate::messages::{ControlState, JointState, Measurement, frame_flag, joint_flag};
-use crate::motion::ActingLimits;
+use crate::motion::{ActingLimits, SpaceLimit, Workspace};
 use crate::servo::{MeasurementVerdict, View};
 use crate::time::{MonoNs, TICK};
 use goal_path::TrackingSums;
@@ -58,6 +58,7 @@ use nalgebra::SVector;
 use requests::MissionChange;
 use residual::{AMBIGUOUS_VIEW, NO_NEARER, ResidualWatch, is_another_pose, why_it_stays};
 use run_end::RunEnd;
+use run_end::{HELD_OFF, LATELY};
 use std::collections::VecDeque;
 use teaching::GoalTeacher;
 use truth::Truth;
@@ -95,6 +96,9 @@ pub struct Mission<const N: usize> {
     pending: VecDeque<(u64, MissionChange)>,
     /// The cell in which requests of clients are planned.
     cell: Option<BelievedCell<N>>,
+    /// Limits in space, and when one last held the arm off a place.
+    space: Option<Workspace<N>>,
+    held_off: Option<MonoNs>,
     first: Option<MonoNs>,
     last: MonoNs,
     joint_state: JointState,
@@ -140,6 +144,8 @@ impl<const N: usize> Mission<N> {
             teaches_from: Some(MonoNs(i64::MIN)),
             pending: VecDeque::new(),
             cell: None,
+            space: None,
+            held_off: None,
             first: None,
             last: MonoNs::ZERO,
             joint_state: JointState::default(),
@@ -161,12 +167,6 @@ impl<const N: usize> Mission<N> {
         }
     }
 
-    /// The same, which plans what clients ask for in `cell`.
-    #[must_use]
-    pub fn in_cell(self, cell: BelievedCell<N>) -> Self {
-        Self { cell: Some(cell), ..self }
-    }
-
     /// Takes in the trace of a tick, with its measurement, and adds the feature error, events, status and end. A trace that is lost
     /// is missing in the counts; nothing else depends on it.
     pub fn note(&mut self, trace: &mut Trace, measurement: Option<&Measurement>) {
@@ -175,6 +175,9 @@ impl<const N: usize> Mission<N> {
         (self.last, self.joint_state, self.state) = (now, js, trace.state);
         self.rest.note(&DriveState { q: vector(&js.q), qd: vector(&js.qd), truth: None });
         self.acted = self.acted.with(&trace.limits);
+        if trace.held_by.is_some_and(SpaceLimit::is_of_places) {
+            self.held_off = Some(now);
+        }
         self.hear(trace);
         if self.teacher.is_some() && self.teaches_from.is_none() && self.rest.is_at_rest() {
             self.teaches_from = Some(now);
@@ -377,7 +380,9 @@ impl<const N: usize> Mission<N> {
             };
         let stays = || self.residual.constant_px(goal_px).map(why).or_else(no_nearer);
         let in_view = self.measurements.last().is_some_and(Measurement::found);
-        let when_late = self.task.when_late(in_view).or_else(|| stays().filter(|_| servoing));
+        let held_off = self.held_off.filter(|at| now - *at < LATELY).map(|_| HELD_OFF);
+        let when_late =
+            held_off.or_else(|| self.task.when_late(in_view)).or_else(|| stays().filter(|_| servoing));
         let (closed_loop, state) = (self.plan.closed_loop, self.state);
         time_is_up.then(|| {
             run_end::time_is_up(closed_loop, state, when_late, (&self.measurements, self.plan.points))

@@ -7,11 +7,12 @@
 //! ```
 
 use super::goal_watch::GoalWatch;
-use super::{Mission, RunTask, vector};
+use super::{BelievedCell, Mission, RunTask, vector};
 use crate::control::lifecycle::{Refusal, Request};
 use crate::control::order::ControlOrder;
 use crate::geometry::{Pose, rotation_angle};
 use crate::messages::{CommandForm, ControlCommand};
+use crate::motion::Workspace;
 use crate::servo::{PostureSearch, SetPoint};
 use crate::time::SpanNs;
 use nalgebra::{Point3, Quaternion, SVector, Translation3, UnitQuaternion, Vector2, Vector3};
@@ -54,6 +55,18 @@ pub(super) enum MissionChange {
 }
 
 impl<const N: usize> Mission<N> {
+    /// The same, which plans what clients ask for in `cell`.
+    #[must_use]
+    pub fn in_cell(self, cell: BelievedCell<N>) -> Self {
+        Self { cell: Some(cell), ..self }
+    }
+
+    /// The same, which refuses postures beyond limits in space.
+    #[must_use]
+    pub fn in_space(self, space: Option<Workspace<N>>) -> Self {
+        Self { space, ..self }
+    }
+
     /// Checks the request `number` of a client and plans it: the order that control is to obey with it.
     ///
     /// # Errors
@@ -158,7 +171,12 @@ impl<const N: usize> Mission<N> {
     /// The posture, where the arm can be there.
     fn posture(&self, q: &SVector<f64, N>) -> Result<SVector<f64, N>, Refusal> {
         let cell = self.cell.as_ref().filter(|_| self.plan.closed_loop).ok_or(Refusal::NoArm)?;
-        if cell.robot.outside_limits(q).is_none() { Ok(*q) } else { Err(Refusal::OutOfRange) }
+        if cell.robot.outside_limits(q).is_some() {
+            return Err(Refusal::OutOfRange);
+        }
+        // What is beyond a limit already may go anywhere from there that is not farther beyond.
+        let is_free = |space: &Workspace<N>| space.is_free(&vector(&self.joint_state.q), q);
+        if self.space.as_ref().is_none_or(is_free) { Ok(*q) } else { Err(Refusal::OutOfWorkspace) }
     }
 
     /// The posture to which a jog leads from where the arm is.

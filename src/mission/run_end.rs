@@ -5,6 +5,7 @@ use super::measurement_log::MeasurementLog;
 use crate::control::outcome::{Finish, Outcome};
 use crate::messages::{ControlState, TargetStatus};
 use crate::target::PointKind;
+use crate::time::SpanNs;
 
 /// The end that was decided.
 #[derive(Debug, Clone, Default)]
@@ -40,6 +41,12 @@ pub(crate) fn time_is_up(
     let reason = when_late.unwrap_or_else(|| why_late(state, measurements, points));
     Finish { outcome: Outcome::NotConverged, reason }
 }
+
+/// The reason of a run that a limit in space keeps from its goal.
+pub(crate) const HELD_OFF: &str = "run.duration_s is over: a limit of [workspace] keeps the arm off its goal; the summary names it (safety.held_by)";
+/// A limit in space that acted within this time before the end is its reason. Chosen by hand: the arm stands before it for as long as the run lasts, and noise of the view
+/// lets it act now and then.
+pub(crate) const LATELY: SpanNs = SpanNs(500_000_000);
 
 const NO_PAIR: &str = "run.duration_s is over: frames of the two cameras do not pair; see to both cameras and their trigger, or set \
                        cameras[1].stamp_offset_ms and stereo.pair_tolerance_ms";

@@ -196,6 +196,7 @@ fn limit_name(limit: Limit) -> &'static str {
         Limit::Singularity => "singularity",
         Limit::View => "view",
         Limit::Stall => "stall",
+        Limit::Workspace => "workspace",
     }
 }
 

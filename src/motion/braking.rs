@@ -95,6 +95,20 @@ pub(super) fn breach(s: JointMotionState, b: &Bounds, q_now: f64) -> Option<Brea
     if !(s.v.abs().max(peak.abs()) <= b.velocity * (1.0 + SLACK)) {
         return Some(Breach::Velocity);
     }
+    let (least, most) = extent_along(s, b, sign);
+    (!(least >= lower && most <= upper)).then_some(Breach::Position)
+}
+
+/// The lowest and the highest position on the way to rest.
+pub(super) fn extent(s: JointMotionState, b: &Bounds) -> (f64, f64) {
+    let side = s.v + s.a * s.a.abs() / (2.0 * b.jerk);
+    extent_along(s, b, if side < 0.0 { -1.0 } else { 1.0 })
+}
+
+/// The same, where the direction in which the joint moves in the end is known.
+fn extent_along(s: JointMotionState, b: &Bounds, sign: f64) -> (f64, f64) {
+    let J = b.jerk;
+    let (v, a) = (s.v * sign, s.a * sign);
     let [first, second, third] = phases(s, b);
     let end = s.after(first.0, first.1).after(second.0, second.1).after(third.0, third.1).q;
     // A joint that still moves the other way turns on the way.
@@ -104,8 +118,7 @@ pub(super) fn breach(s: JointMotionState, b: &Bounds, q_now: f64) -> Option<Brea
     } else {
         s.q
     };
-    let (least, most) = (s.q.min(end).min(turn), s.q.max(end).max(turn));
-    (!(least >= lower && most <= upper)).then_some(Breach::Position)
+    (s.q.min(end).min(turn), s.q.max(end).max(turn))
 }
 
 #[cfg(test)]

@@ -54,7 +54,7 @@ pub fn brakeable<const N: usize>(
 /// acceleration the braking distance is `d = v^1.5 / sqrt(J)` while the acceleration limit is not reached, and
 /// `d = v (v / A + A / J) / 2` otherwise. The distance that the joint covers while its present acceleration is reduced to zero is
 /// subtracted first.
-fn braking_speed(now: JointMotionState, bounds: &Bounds) -> f64 {
+pub(super) fn braking_speed(now: JointMotionState, bounds: &Bounds) -> f64 {
     let (A, J) = (SHARE * bounds.acceleration, SHARE * bounds.jerk);
     let (a, v) = (now.a.max(0.0), now.v.max(0.0));
     let distance = (now.q - a / J * (v + a * a / (3.0 * J))).max(0.0);

@@ -24,11 +24,13 @@ pub enum Limit {
     View = 6,
     /// A joint that does not move: it gets only a little more torque than the model predicts.
     Stall = 7,
+    /// A limit in space: the whole arm is slowed down, held, or goes another way.
+    Workspace = 8,
 }
 
 impl Limit {
     /// All of them.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Position,
         Self::Velocity,
         Self::Acceleration,
@@ -37,6 +39,7 @@ impl Limit {
         Self::Singularity,
         Self::View,
         Self::Stall,
+        Self::Workspace,
     ];
 
     /// Its bit in `Status::limits`.
@@ -54,6 +57,7 @@ impl Limit {
             Self::Effort => "the effort limit cuts the torque of",
             Self::Singularity => "a singular posture near by slows down",
             Self::View => "an old or uncertain view slows down",
+            Self::Workspace => "a limit in space ([workspace]) holds back",
             Self::Stall => "no more than a gentle push is given to what does not move,",
         }
     }
@@ -124,7 +128,7 @@ impl LongActing {
     #[must_use]
     pub fn describe(&self) -> String {
         let what = self.limit.describe();
-        if matches!(self.limit, Limit::Singularity | Limit::View) {
+        if matches!(self.limit, Limit::Singularity | Limit::View | Limit::Workspace) {
             return format!("{what} the arm for {:.0} s now", LONG.as_s());
         }
         let joints: Vec<String> =

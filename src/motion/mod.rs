@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! servo law ─► brakeable (the goal is not passed) ─► damp_singularity (singular postures, ends of ranges)
-//!           ─► Reference (hard limits, last) ─► JointController ─► drive
+//!           ─► Reference (limits in space, then hard limits, last) ─► JointController ─► drive
 //! ```
 
 mod braking;
@@ -20,6 +20,7 @@ mod residual_model;
 mod rotor_estimator;
 mod singularity;
 mod time_optimal;
+mod workspace;
 
 pub use drive_lag::DriveLagObserver;
 pub use excitation_motion::{ExcitationMotion, MAX_EXCITATION};
@@ -31,3 +32,6 @@ pub use limits::{ActingLimits, Limit, LimitWatch, LongActing};
 pub use reference::{MotionLimits, Reference, ReferenceState};
 pub use singularity::damp_singularity;
 pub use time_optimal::min_time_s;
+pub use workspace::{
+    ArmPlaces, CheckedPoint, Clearance, HalfSpace, SpaceLimit, Workspace, WorkspaceSettings, checked_points,
+};

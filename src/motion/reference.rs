@@ -8,9 +8,11 @@
 //! All joints are scaled by the same factor, so that the camera keeps its direction of motion. The last stage guarantees the limits:
 //! a joint takes a step only if it can brake from the end of that step within all limits (`braking`). Otherwise it takes the
 //! part of the step from which it can. Since braking can always be continued, no limit is ever exceeded, whatever is requested.
+//! Limits in space (`workspace`), where there are some, bend and slow the motion command first, and hold all joints together last.
 
 use super::braking::{Bounds, Breach, JointMotionState, braked, braking_time_s, breach};
 use super::limits::{ActingLimits, Limit};
+use super::workspace::Workspace;
 use crate::robot::Robot;
 use crate::time::SpanNs;
 use nalgebra::SVector;
@@ -134,6 +136,8 @@ pub struct Reference<const N: usize> {
     state: ReferenceState<N>,
     /// Share of the acceleration limits that is used to follow motion commands.
     acceleration_share: f64,
+    /// The limits in space, where there are some.
+    space: Option<Box<Workspace<N>>>,
 }
 
 impl<const N: usize> Reference<N> {
@@ -142,7 +146,19 @@ impl<const N: usize> Reference<N> {
     pub fn new(limits: MotionLimits<N>, q: SVector<f64, N>) -> Self {
         let zero = SVector::zeros();
         let state = ReferenceState { q, qd: zero, qdd: zero, a: zero, limits: ActingLimits::default() };
-        Self { limits, state, acceleration_share: 1.0 }
+        Self { limits, state, acceleration_share: 1.0, space: None }
+    }
+
+    /// The same within limits in space.
+    #[must_use]
+    pub fn within(self, space: Workspace<N>) -> Self {
+        Self { space: Some(Box::new(space)), ..self }
+    }
+
+    /// The limits in space, and what they did at the last tick; `None` where there are none.
+    #[must_use]
+    pub fn space(&self) -> Option<&Workspace<N>> {
+        self.space.as_deref()
     }
 
     /// Follows motion commands with the share `share` (above 0, up to 1) of the acceleration limits from now on: an arm whose efforts do not
@@ -202,6 +218,9 @@ impl<const N: usize> Reference<N> {
             return &self.state;
         }
         let mut acting = ActingLimits::default();
+        let before = self.state;
+        let bent = self.bent_acceleration(qdd, &mut acting);
+        let qdd = bent.as_ref().unwrap_or(qdd);
         for i in 0..N {
             let bounds = self.limits.bounds(i);
             let now = JointMotionState { q: self.state.q[i], v: self.state.qd[i], a: self.state.a[i] };
@@ -221,6 +240,9 @@ impl<const N: usize> Reference<N> {
             let taken = self.take(i, step, dt_s, &mut acting);
             self.state.qdd[i] = (taken.v - now.v) / dt_s;
         }
+        if self.is_held_in_space(&before, dt_s, &mut acting) {
+            self.state.qdd = (self.state.qd - before.qd) / dt_s;
+        }
         self.state.limits = acting;
         &self.state
     }
@@ -232,13 +254,16 @@ impl<const N: usize> Reference<N> {
             return &self.state;
         }
         let mut acting = ActingLimits::default();
-        let wanted = self.wanted_acceleration(requested_qd, dt_s, &mut acting);
+        let before = self.state;
+        let bent = self.bent(requested_qd, &mut acting);
+        let wanted = self.wanted_acceleration(bent.as_ref().unwrap_or(requested_qd), dt_s, &mut acting);
         let previous = self.state.qd;
         for i in 0..N {
             let now = JointMotionState { q: self.state.q[i], v: previous[i], a: self.state.a[i] };
             let step = now.after((wanted[i] - now.a) / dt_s, dt_s);
             self.take(i, step, dt_s, &mut acting);
         }
+        self.is_held_in_space(&before, dt_s, &mut acting);
         self.state.qdd = (self.state.qd - previous) / dt_s;
         self.state.limits = acting;
         &self.state
@@ -343,6 +368,8 @@ fn shrink<const N: usize>(
     }
     scale
 }
+
+mod in_space;
 
 #[cfg(test)]
 mod tests;

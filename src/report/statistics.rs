@@ -2,10 +2,10 @@
 //! states.
 
 use super::latency::LatencyTable;
-use super::summary::{Latencies, LimitedTicks, SafetyEvent, SafetyReport};
+use super::summary::{HeldBy, Latencies, LimitedTicks, SafetyEvent, SafetyReport};
 use crate::control::trace::{Event, Trace};
 use crate::messages::{ControlState, JointState};
-use crate::motion::{Limit, LimitWatch};
+use crate::motion::{Limit, LimitWatch, SpaceLimit, WorkspaceSettings};
 use crate::time::MonoNs;
 use std::collections::VecDeque;
 use xxhash_rust::xxh3::Xxh3;
@@ -25,6 +25,8 @@ pub struct RunStatistics {
     last_unsettled: Option<MonoNs>,
     hash: Xxh3,
     limits: LimitWatch,
+    /// Ticks in which each limit in space acted, by its number.
+    held: [u64; SpaceLimit::COUNT],
     events: EventLog,
 }
 
@@ -69,6 +71,7 @@ impl RunStatistics {
             last_unsettled: None,
             hash: Xxh3::new(),
             limits: LimitWatch::default(),
+            held: [0; SpaceLimit::COUNT],
             events: EventLog::default(),
         }
     }
@@ -89,6 +92,23 @@ impl RunStatistics {
         let mut watch = self.limits;
         watch.note(trace.time, &trace.limits, |long| self.event(trace.time, long.describe()));
         self.limits = watch;
+        if let Some(held) = trace.held_by.and_then(|limit| self.held.get_mut(limit.number())) {
+            *held += 1;
+        }
+    }
+
+    /// The limits in space that acted, by the names that `space` gives them; those of one name together.
+    #[must_use]
+    pub fn held_by(&self, space: &WorkspaceSettings) -> Vec<HeldBy> {
+        let mut all: Vec<HeldBy> = Vec::new();
+        for (number, ticks) in self.held.iter().enumerate().filter(|(_, ticks)| **ticks > 0) {
+            let limit = space.name_of(number);
+            match all.iter_mut().find(|one| one.limit == limit) {
+                Some(one) => one.ticks += ticks,
+                None => all.push(HeldBy { limit, ticks: *ticks }),
+            }
+        }
+        all
     }
 
     /// Takes in what the trace does not tell: an event around the loop.
@@ -132,7 +152,9 @@ impl RunStatistics {
                 singularity: ticks(Limit::Singularity),
                 view: ticks(Limit::View),
                 stall: ticks(Limit::Stall),
+                workspace: ticks(Limit::Workspace),
             },
+            held_by: Vec::new(),
         }
     }
 

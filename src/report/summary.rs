@@ -52,6 +52,18 @@ pub struct SafetyReport {
     pub events_left_out: u64,
     /// How often limits acted.
     pub limited_ticks: LimitedTicks,
+    /// Which limits in space held the arm back, by the names of the run file.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub held_by: Vec<HeldBy>,
+}
+
+/// A limit in space that held the arm back.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct HeldBy {
+    /// Which.
+    pub limit: String,
+    /// In how many ticks.
+    pub ticks: u64,
 }
 
 impl SafetyReport {
@@ -83,6 +95,9 @@ pub struct LimitedTicks {
     /// A joint that did not move, and was pushed no more than gently.
     #[serde(default)]
     pub stall: u64,
+    /// A limit in space.
+    #[serde(default)]
+    pub workspace: u64,
 }
 
 /// The summary of a run.

@@ -32,6 +32,7 @@ mod mass_matrix;
 mod model;
 mod mount;
 mod shipped;
+mod skeleton;
 mod trig;
 mod urdf;
 
@@ -45,6 +46,7 @@ pub use kinematics::ExpressedIn;
 pub use model::{Friction, JointKind, JointLimits, Robot};
 pub use mount::{CameraJacobian, Mount};
 pub use shipped::{SHIPPED, files, load};
+pub use skeleton::Skeleton;
 
 #[cfg(test)]
 mod tests;

@@ -56,3 +56,4 @@ mod turned_camera;
 mod uncalibrated;
 mod untold_friction;
 mod untold_rotors;
+mod workspace;

@@ -46,6 +46,8 @@ const OPTIONAL: &str = "
     motion.damping_n_m_s_rad_or_n_s_m = [400.0]
     motion.velocity_observer_rad_s = 150.0
     motion.encoder_step_rad_or_m = [1e-4]
+    workspace = { camera_speed_m_s = 0.5, camera_turn_rad_s = 1.0, flange_speed_m_s = 0.5, tool_m = [0.0, 0.0, 0.05], \
+    planes = [{ point_m = [0.0, 0.0, -9.0], normal = [0.0, 0.0, 1.0] }], boxes = [{ min_m = [-9.0, -9.0, -9.0], max_m = [9.0, 9.0, 9.0] }] }
     drive.mode = 'torque'
     drive.simulated.wall = { point_m = [0.0, 0.0, -9.0], normal = [0.0, 0.0, 1.0], stiffness_n_m = 30000.0, damping_n_s_m = 100.0 }
     drive.simulated.push = { force_n = [0.1, 0.0, 0.0], from_s = 0.5, until_s = 0.6 }
@@ -219,6 +221,7 @@ fn of_the_whole(message: &str) -> bool {
         "needs servo.desired",
         "longer than a frame",
         "robot.q_start_rad_or_m[",
+        "of [workspace]",
         // of pairs of cameras
         "says where this camera sits",
         "both cameras sit in one place",

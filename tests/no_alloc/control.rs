@@ -96,6 +96,14 @@ fn asked<const N: usize>(k: i64, config: &Config, q: &SVector<f64, N>) -> Option
 const MATRIX_OF_FOUR: &str =
     "servo.gain_1_s=[[2, 0.5, 0, 0], [0.5, 2, 0, 0], [0, 0, 1, 0.1], [0, 0, 0.1, 1]]";
 
+/// A table that the arms come to, a box about them, and speeds.
+const LIMITS_IN_SPACE: [&str; 4] = [
+    "workspace.camera_speed_m_s=0.2",
+    "workspace.self_collision=true",
+    "workspace.planes=[{ point_m = [0.0, 0.0, 0.15], normal = [0.0, 0.0, 1.0] }]",
+    "workspace.boxes=[{ min_m = [-2.0, -2.0, -2.0], max_m = [2.0, 2.0, 2.0] }]",
+];
+
 #[test]
 fn no_tick_allocates() {
     let config_of = |file: &str, set: &[&str]| {
@@ -138,6 +146,11 @@ fn no_tick_allocates() {
         config_of("default.toml", &["servo.object.moves=true"]),
         config_of("ur5.toml", &["servo.return_to_last_seen=true"]),
         config_of("ur5-path.toml", &[]),
+        config_of("ur5.toml", &LIMITS_IN_SPACE),
+        config_of(
+            "panda.toml",
+            &[&LIMITS_IN_SPACE[..], &["drive.mode=position", "motion.controller=pass_through"]].concat(),
+        ),
         config_of("ur5-path.toml", &["servo.scheme=hybrid"]),
         config_of("stereo.toml", &[]),
         config_of("shape-moments.toml", &[]),

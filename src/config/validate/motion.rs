@@ -89,7 +89,7 @@ pub(super) fn motion(
 }
 
 /// A list with one entry for each joint, made from one that has one entry for all or one for each.
-fn joint_list(
+pub(super) fn joint_list(
     key: &str,
     list: &[f64],
     joints: Option<usize>,

@@ -110,16 +110,17 @@ impl<const N: usize> Behaviour<N> {
         }
     }
 
-    /// The motion command of this tick.
+    /// The motion command of this tick. Motions along a path go on at `pace`, 1 where nothing in space holds them.
     pub fn motion_command(
         &mut self,
         state: &DriveState<N>,
+        pace: f64,
         arm: &ArmModel<N>,
         servo: &mut VisualServo<N>,
     ) -> MotionCommand<N> {
         match self {
             Self::Servoing(servoing) => servoing.motion_command(state, &arm.robot, servo),
-            Self::Waypoints(waypoints) => waypoints.motion_command(&state.q, &arm.limits),
+            Self::Waypoints(waypoints) => waypoints.motion_command(&state.q, pace, &arm.limits),
             Self::Excitation(excitation) => excitation.motion_command(),
         }
     }

@@ -45,11 +45,13 @@ impl<const N: usize> PostureMotion<N> {
         self.goal.is_some() && self.leg.is_none() && self.rested == 0
     }
 
-    /// The motion command of this tick for a reference that `rests` or not; `ready` says whether the arm may leave its rest.
+    /// The motion command of this tick for a reference that `rests` or not; `ready` says whether the arm may leave its rest, and `pace` which part of the last
+    /// command was left by limits in space.
     pub fn motion_command(
         &mut self,
         reference: &ReferenceState<N>,
         (rests, ready): (bool, bool),
+        pace: f64,
         limits: &MotionLimits<N>,
     ) -> MotionCommand<N> {
         let Some(goal) = self.goal else { return MotionCommand::Stand };
@@ -61,7 +63,7 @@ impl<const N: usize> PostureMotion<N> {
         }
         let Some(leg) = &mut self.leg else { return MotionCommand::Joints(SVector::zeros()) };
         let behind = goal - leg.remaining() - reference.q;
-        let along = leg.advance().unwrap_or_else(SVector::zeros);
+        let along = leg.advance(pace).unwrap_or_else(SVector::zeros);
         MotionCommand::Joints(along + behind * TRACKING_1_S)
     }
 
@@ -100,7 +102,7 @@ mod tests {
         for (at, q) in [(0, [1.0, -1.0]), (300, [-0.5, 0.7]), (350, [0.4, 0.4])] {
             while ticks < at {
                 let rests = reference.rests_within(SpanNs(2 * TICK.0));
-                let command = motion.motion_command(reference.state(), (rests, true), &limits());
+                let command = motion.motion_command(reference.state(), (rests, true), 1.0, &limits());
                 let before = reference.state().qd;
                 let after = *reference.advance(&command.velocity(), TICK);
                 turned += usize::from(before.dot(&after.qd) < 0.0);
@@ -110,7 +112,7 @@ mod tests {
         }
         while !motion.is_over(&reference.state().q) {
             let rests = reference.rests_within(SpanNs(2 * TICK.0));
-            let command = motion.motion_command(reference.state(), (rests, true), &limits());
+            let command = motion.motion_command(reference.state(), (rests, true), 1.0, &limits());
             reference.advance(&command.velocity(), TICK);
             ticks += 1;
             assert!(ticks < 20_000, "{}", reference.state().q);

@@ -58,11 +58,12 @@ impl<const N: usize> Leg<N> {
         Self { way, duration_s, elapsed: SpanNs(0) }
     }
 
-    /// The velocity of the next tick; `None` at the end.
-    pub(super) fn advance(&mut self) -> Option<SVector<f64, N>> {
+    /// The velocity of the next tick, before limits in space; `None` at the end. Of the tick the part `pace` counts, 0 to 1.
+    pub(super) fn advance(&mut self, pace: f64) -> Option<SVector<f64, N>> {
         // the velocity in the middle of the tick: its sum over the ticks is then the displacement, by the midpoint rule
-        let u = (self.elapsed.as_s() + 0.5 * TICK.as_s()) / self.duration_s;
-        self.elapsed = SpanNs(self.elapsed.0.saturating_add(TICK.0));
+        let u = (self.elapsed.as_s() + 0.5 * TICK.as_s() * pace) / self.duration_s;
+        let step = SpanNs((TICK.0 as f64 * pace) as i64);
+        self.elapsed = SpanNs(self.elapsed.0.saturating_add(step.0));
         (u < 1.0).then(|| self.way * (30.0 * u * u * (1.0 - u) * (1.0 - u) / self.duration_s))
     }
 
@@ -113,9 +114,10 @@ impl<const N: usize> Waypoints<N> {
     pub(super) fn motion_command(
         &mut self,
         q: &SVector<f64, N>,
+        pace: f64,
         limits: &MotionLimits<N>,
     ) -> MotionCommand<N> {
-        if let Some(qd) = self.leg.as_mut().and_then(Leg::advance) {
+        if let Some(qd) = self.leg.as_mut().and_then(|leg| leg.advance(pace)) {
             return MotionCommand::Joints(qd);
         }
         if self.leg.take().is_some() {
@@ -160,7 +162,7 @@ mod tests {
         assert!(postures.iter().all(|q| waypoints.add(q)));
         let (mut q, mut before, mut rests, mut visited) = (Vector2::zeros(), Vector2::zeros(), 0, Vec::new());
         while !waypoints.is_over() {
-            let qd = waypoints.motion_command(&q, &limits()).velocity();
+            let qd = waypoints.motion_command(&q, 1.0, &limits()).velocity();
             assert!((0..2).all(|i| qd[i].abs() <= 0.2501 * limits().velocity[i]), "{qd}");
             let qdd = (qd - before) / 1e-3;
             assert!((0..2).all(|i| qdd[i].abs() <= 0.26 * limits().acceleration[i]), "{qdd}");
@@ -185,13 +187,13 @@ mod tests {
             waypoints.interrupt();
             assert!(waypoints.add(&Vector2::new(0.5, 0.5)));
             let moves = |w: &mut Waypoints<2>| {
-                w.motion_command(&Vector2::zeros(), &limits()).velocity() != Vector2::zeros()
+                w.motion_command(&Vector2::zeros(), 1.0, &limits()).velocity() != Vector2::zeros()
             };
             assert!((0..2000).any(|_| moves(waypoints)));
             waypoints.interrupt();
         }
         assert_eq!((tour.confidence(), passing.confidence()), (1.0, 0.0));
-        assert_eq!(passing.motion_command(&Vector2::zeros(), &limits()).velocity(), Vector2::zeros());
+        assert_eq!(passing.motion_command(&Vector2::zeros(), 1.0, &limits()).velocity(), Vector2::zeros());
         assert!(!passing.is_over());
     }
 

@@ -16,11 +16,12 @@ mod motion;
 mod orders;
 mod sensing;
 mod settings;
+mod space;
 
 pub use settings::{ControlOutput, ControllerSettings, Rest};
 
 use crate::control::behaviour::{ArmModel, Behaviour, MotionCommand, PostureMotion};
-use crate::control::gate::{Gate, Passed};
+use crate::control::gate::{Gate, Passed, SpaceBound};
 use crate::control::lifecycle::{Cue, State, Step};
 use crate::control::safety::{
     ArmWatch, Contact, ContactReaction, ContactWatch, EncoderWatch, Fault, RestWatch,
@@ -28,7 +29,7 @@ use crate::control::safety::{
 use crate::control::trace::{Event, Events};
 use crate::drive::{CommandMode, DriveCommand, DriveState};
 use crate::messages::Measurement;
-use crate::motion::{JointController, Limit, Reference};
+use crate::motion::{JointController, Limit, Reference, Workspace};
 use crate::servo::VisualServo;
 use crate::time::TICK;
 use crate::time::{MonoNs, SpanNs};
@@ -65,6 +66,8 @@ pub struct Controller<const N: usize> {
     /// Factor of the disturbance estimation rate.
     learning: f64,
     gate: Gate<N>,
+    /// The gate's last word on where the arm is, where that is limited.
+    space: Option<SpaceBound<N>>,
     start: StartCheck<N>,
     max_tracking_error: f64,
     mode: CommandMode,
@@ -109,6 +112,8 @@ impl<const N: usize> Controller<N> {
         let limits = arm.limits.clone();
         let braking = SpanNs::from_s(limits.longest_braking_s());
         let longest_braking = SpanNs(PATIENCE.0.saturating_add(braking.0));
+        let (reference, space) =
+            space::within(Reference::new(limits.clone(), q_start), &arm.robot, settings.space);
         Self {
             contact_watch: ContactWatch::new(&arm.robot, &joint_control, mode),
             reaction: settings.reaction,
@@ -116,7 +121,8 @@ impl<const N: usize> Controller<N> {
             back: None,
             mode,
             gate: Gate::new(gate, &limits, &q_start),
-            reference: Reference::new(limits, q_start),
+            space,
+            reference,
             arm,
             servo,
             behaviour,
@@ -199,13 +205,6 @@ impl<const N: usize> Controller<N> {
         self.gate.changed()
     }
 
-    /// Restarts the supervision of following, because the state of the drive is an old one.
-    pub fn follow_anew(&mut self) {
-        self.watch.late();
-        self.encoder_watch.late();
-        self.contact_watch.late();
-    }
-
     /// One tick: takes the drive's state and a measurement, if a new one has come, and gives the command for the
     /// time until the next tick.
     pub fn step(
@@ -237,7 +236,8 @@ impl<const N: usize> Controller<N> {
         }
         let motion_command = match (&observed, self.state, way_back) {
             (Some(state), State::Servoing, _) => {
-                self.behaviour.motion_command(state, &self.arm, &mut self.servo)
+                let pace = self.pace();
+                self.behaviour.motion_command(state, pace, &self.arm, &mut self.servo)
             }
             (Some(_), State::Returning, Some((qd, convergence))) => {
                 // The way back follows the arm's earlier postures and needs no view.
@@ -247,7 +247,7 @@ impl<const N: usize> Controller<N> {
             (Some(_), State::Moving, _) => {
                 let rests = self.reference.rests_within(SpanNs(2 * TICK.0));
                 let (reference, ready) = (self.reference.state(), !self.probes);
-                self.posture.motion_command(reference, (rests, ready), &self.arm.limits)
+                self.posture.motion_command(reference, (rests, ready), self.pace(), &self.arm.limits)
             }
             (Some(_), ..) => self.motion_back(now),
             _ => MotionCommand::Stand,
@@ -271,7 +271,8 @@ impl<const N: usize> Controller<N> {
         let Passed { command, cut, fault } = self.gate.pass(self.reference.state(), &tau, &bounded, gravity);
         self.joint_control.note_given(&self.arm.robot, &state.q, &command.tau);
         limits.add(Limit::Effort, cut);
-        if let Some(fault) = fault.or_else(|| self.astray(&measured, &state.qd, &motion, seen)) {
+        let in_space = self.watch_space(&measured);
+        if let Some(fault) = fault.or(in_space).or_else(|| self.astray(&measured, &state.qd, &motion, seen)) {
             self.fail(fault);
         }
         self.note_rest(now, seen && self.encoder_watch.distrusted() == [false; N]);
@@ -281,6 +282,7 @@ impl<const N: usize> Controller<N> {
             fault: self.fault,
             requested_qd: motion_command.velocity(),
             limits,
+            held_by: self.reference.space().and_then(Workspace::held_by),
             verdict,
             events: std::mem::take(&mut self.events),
             external_torque: self.contact_watch.external_torque(),
@@ -320,6 +322,7 @@ impl<const N: usize> Controller<N> {
             self.reset_to_measured(state);
             self.watch.restart();
             self.contact_watch.restart();
+            self.begin_in_space(state);
         }
     }
 

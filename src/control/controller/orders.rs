@@ -43,6 +43,13 @@ impl<const N: usize> Controller<N> {
         self.failure.get_or_insert(fault);
     }
 
+    /// Restarts the supervision of following, because the state of the drive is an old one.
+    pub fn follow_anew(&mut self) {
+        self.watch.late();
+        self.encoder_watch.late();
+        self.contact_watch.late();
+    }
+
     /// The fault, where there is one.
     #[must_use]
     pub fn fault(&self) -> Option<Fault> {

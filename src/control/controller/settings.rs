@@ -6,7 +6,7 @@ use crate::control::lifecycle::State;
 use crate::control::safety::{ContactReaction, Fault};
 use crate::control::trace::Events;
 use crate::drive::{CommandMode, DriveCommand};
-use crate::motion::{ActingLimits, JointController};
+use crate::motion::{ActingLimits, JointController, SpaceLimit, WorkspaceSettings};
 use crate::servo::MeasurementVerdict;
 use crate::time::SpanNs;
 use nalgebra::SVector;
@@ -32,6 +32,8 @@ pub struct ControllerSettings<const N: usize> {
     pub max_tracking_error: f64,
     /// What is done about a contact.
     pub reaction: ContactReaction,
+    /// Limits in space, where there are some.
+    pub space: Option<WorkspaceSettings>,
 }
 
 impl<const N: usize> ControllerSettings<N> {
@@ -53,6 +55,7 @@ impl<const N: usize> ControllerSettings<N> {
             may_start_elsewhere: false,
             max_tracking_error: 0.1,
             reaction: ContactReaction::Stop,
+            space: None,
         }
     }
 
@@ -82,6 +85,8 @@ pub struct ControlOutput<const N: usize> {
     pub requested_qd: SVector<f64, N>,
     /// The limits that acted, and on which joints.
     pub limits: ActingLimits,
+    /// The limit in space that acted.
+    pub held_by: Option<SpaceLimit>,
     /// The verdict on the measurement, if there was one.
     pub verdict: Option<MeasurementVerdict>,
     /// The events of the step.

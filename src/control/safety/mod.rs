@@ -14,6 +14,7 @@
 //! | for longer | fault; a joint whose encoder is frozen is braked by what it is told, and not by its encoder (`encoders.rs`) |
 //! | the first motion of the image is that of a camera which is turned by 70 degrees and more against its mount (`servo/motion_agreement.rs`) | likewise |
 //! | something touches the arm: a torque from outside of nine standard deviations, or a drive's lag of as many (`safety.contact`) | likewise; goes back by what it pressed or more, or floats |
+//! | a checked point of the arm, as commanded or measured, is beyond a plane of `[workspace]` for 5 ms (`gate/space_bound.rs`), or camera or flange are commanded too fast | likewise |
 //! | commands had to be changed before the drive for 100 ms, or are not finite | likewise |
 //! | any end of a run: goal, time, request, fault | the reference slows down within its limits, and the run ends when the measured arm is at rest (`run_end`) |
 //! | `max_missed_deadlines_in_a_row` ticks missed in a row | protective stop: reference slows down, arm holds, run ends as fault |
@@ -89,6 +90,10 @@ pub enum Fault {
     CameraAxesExchanged,
     /// The encoder of a joint stands still while the joint moves.
     EncoderFrozen,
+    /// A part of the arm is beyond a plane that it must not pass.
+    LeavesWorkspace,
+    /// Camera or flange are commanded to be faster than they may.
+    TooFastInSpace,
     /// Somebody latched a stop.
     StopLatched,
     /// Commands would have exceeded the limits, or were not finite.
@@ -99,7 +104,7 @@ pub enum Fault {
 
 impl Fault {
     /// All faults, with their codes in the protocol of the messages; those of a drive are 17 to 20. A code never changes its meaning.
-    const CODES: [(Self, u32); 23] = [
+    const CODES: [(Self, u32); 25] = [
         (Self::DriveStateNotFinite, 1),
         (Self::DriveStateImplausible, 2),
         (Self::TrackingError, 3),
@@ -119,6 +124,8 @@ impl Fault {
         (Self::CameraTurned270, 22),
         (Self::CameraAxesExchanged, 23),
         (Self::EncoderFrozen, 24),
+        (Self::LeavesWorkspace, 30),
+        (Self::TooFastInSpace, 31),
         (Self::Drive(DriveFault::Stale), 17),
         (Self::Drive(DriveFault::Left), 18),
         (Self::Drive(DriveFault::Silent), 19),
@@ -202,6 +209,13 @@ impl Fault {
             Self::CameraAxesExchanged => {
                 "the image moves as if the camera had other axes than camera.mount says, or some of other signs, so that the arm went away from its goal: see to \
                  the frame of the mount (z along the optical axis, x to the right of the image, y down), or find it with `vservo calibrate hand-eye`"
+            }
+            Self::LeavesWorkspace => {
+                "a part of the arm is beyond a plane or box of [workspace]: lead it back by `vservo ctl goto` or `jog` after a reset, or correct the plane; \
+                 an arm that passed it in motion follows worse than workspace.margin_m allows"
+            }
+            Self::TooFastInSpace => {
+                "camera or flange were commanded to be faster than [workspace] allows, by a tenth and for 0.1 s: this is a defect of the program"
             }
             Self::StopLatched => {
                 "a stop was latched from outside: see to its reason, then `vservo ctl reset`"

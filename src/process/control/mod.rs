@@ -32,7 +32,9 @@ use crate::messages::{CameraId, JointState, Measurement, RequestMsg, Status, Tra
 use crate::mission::LockstepRun;
 use crate::report::history::RunHistory;
 use crate::report::statistics::RunStatistics;
-use crate::report::summary::{FoundPayload, RealtimeReport, StampCalibration, Summary, TickTimes};
+use crate::report::summary::{
+    FoundPayload, RealtimeReport, SafetyReport, StampCalibration, Summary, TickTimes,
+};
 use crate::robot::Robot;
 use crate::rt::now;
 use crate::sim::preflight::Preflight;
@@ -274,7 +276,10 @@ fn summary<const N: usize>(
         realtime: pace.realtime,
         processes: BTreeMap::new(),
         restarts: BTreeMap::new(),
-        safety: statistics.safety_report(mission.state()),
+        safety: SafetyReport {
+            held_by: config.workspace.as_ref().map_or_else(Vec::new, |space| statistics.held_by(space)),
+            ..statistics.safety_report(mission.state())
+        },
         lost_traces: pace.lost_traces,
         lost_commands: pace.lost_commands,
         gated_commands: control.controller().gated(),

@@ -4,8 +4,8 @@
 //! postures anywhere ─► camera turned as requested ─► away from limits and singular postures, room for the object ─► the best few
 //!        each: object before the camera (X_WO = X_WC X_DO) ─► a start beside it ─► Preflight without doubt ─► a run that converges
 //! ```
-//! The object is put where the camera looks, and not the camera where the object is: so that arms of few joints get a goal too. Obstacles
-//! are not known, nor whether the arm meets itself.
+//! The object is put where the camera looks, and not the camera where the object is: so that arms of few joints get a goal too. Of
+//! obstacles, and of whether the arm meets itself, only what `[workspace]` says is known.
 
 mod stand;
 mod start;
@@ -13,6 +13,7 @@ mod start;
 use crate::config::{Config, ConfigError, Draft};
 use crate::control::outcome::Outcome;
 use crate::geometry::{Pose, roll_pitch_yaw};
+use crate::motion::Workspace;
 use crate::robot::{Mount, RobotError};
 use crate::scene::Visibility;
 use crate::servo::PostureSearch;
@@ -136,6 +137,8 @@ struct Search<'a, const N: usize> {
     arm: crate::robot::Robot<N>,
     /// Camera, target and settings; start and goal of it are stand-ins.
     config: Config,
+    /// Its limits in space, where there are some.
+    space: Option<Workspace<N>>,
     /// Where gravity goes in B, of length 1; z down where there is none.
     down: nalgebra::Vector3<f64>,
 }
@@ -155,13 +158,15 @@ impl<'a, const N: usize> Search<'a, N> {
         let X_WC = draft.mount().X_WC(&arm.forward(&SVector::from_column_slice(&q)));
         let far = Pose::translation(0.0, 0.0, 10.0);
         let stand_in = draft.clone().simulated().placed(&q, &(X_WC * far), &far);
-        let config = stand_in.validate()?;
+        // Where the arm may be is asked of what is proposed.
+        let config = stand_in.validate_whatever_is_seen()?;
         if config.scene.is_none() {
             return Err(PlaceError::NoScene);
         }
         let g = robot.gravity_B;
         let down = if g.norm() > 0.0 { g.normalize() } else { -nalgebra::Vector3::z() };
-        Ok(Self { draft, arm, config, down })
+        let space = config.workspace.clone().map(|space| Workspace::new(arm.clone(), space));
+        Ok(Self { draft, arm, config, space, down })
     }
 
     fn mount(&self) -> &Mount {

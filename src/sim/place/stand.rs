@@ -175,8 +175,11 @@ impl<const N: usize> Search<'_, N> {
         (0..400).map(far).fold(0.1, f64::max)
     }
 
-    /// How much room the joints have: 0 for too little, 1 for enough.
+    /// How much room the joints have: 0 for too little, or where a limit in space is too near, 1 for enough.
     pub(super) fn room(&self, q: &SVector<f64, N>) -> f64 {
+        if self.space.as_ref().is_some_and(|space| !space.keeps_margin(q)) {
+            return 0.0;
+        }
         let share = |(limit, q): (&crate::robot::JointLimits, &f64)| {
             let range = limit.upper - limit.lower;
             if range.is_finite() { (q - limit.lower).min(limit.upper - q) / range } else { 1.0 }

@@ -13,11 +13,13 @@
 mod law;
 mod path;
 mod reach;
+mod space;
 mod stability;
 mod words;
 
 pub use path::GoalPathAhead;
 pub use reach::{CameraPath, Posture, Reach};
+pub use space::SpaceAhead;
 
 use crate::config::{Config, Scene};
 use crate::config::{DriveKind, SetPointKind, Task};
@@ -51,6 +53,8 @@ pub struct Preflight {
     /// How far the law is from instability with what it believes of lens, mount, target and depth, (10.91); `None` for laws other than scheme
     /// D, and without a scene.
     pub stability: Option<Stability>,
+    /// Where the arm is within its limits in space; `None` where no place is limited.
+    pub space: Option<SpaceAhead>,
     /// Where gravity takes more of a joint than its effort limit, so that the arm cannot hold itself.
     pub overload: Option<String>,
     /// Joints whose rotor inertia the robot file does not tell, with what it is likely to be; `None` where nothing is missing, and for drives that are not commanded
@@ -138,6 +142,7 @@ impl Preflight {
             path: None,
             depth: law::depth(config),
             stability: None,
+            space: None,
             overload: None,
             rotors: rotors(config),
             notes: notes(config),
@@ -164,6 +169,7 @@ impl Preflight {
         let mut overloads = postures.into_iter().filter_map(|(place, q)| overload(robot, place, q?));
         // A drive that is not commanded by torques holds the arm in its own way, with efforts that are limited all the same.
         preflight.overload = if config.closes_the_loop() { overloads.next() } else { None };
+        preflight.space = SpaceAhead::of(config, robot, &q_start, q_goal.as_ref());
         preflight.stability = stability::stability(config, robot, &q_start, q_goal.as_ref())?;
         Ok(preflight)
     }
@@ -184,6 +190,8 @@ impl Preflight {
         if let Some(message) = words::out_of_reach(&self.reach) {
             faults.push(("servo.desired", message));
         }
+        let held_off = self.space.iter().filter_map(SpaceAhead::held_off);
+        faults.extend(held_off.filter(|(_, futile)| *futile).map(|(message, _)| ("servo.desired", message)));
         faults.extend(self.path.iter().filter_map(|path| Some(("servo.path", path.fault()?))));
         faults
     }
@@ -193,10 +201,12 @@ impl Preflight {
     pub fn doubts(&self) -> Vec<(&'static str, String)> {
         let cut = self.cut_at_the_goal().filter(|(_, futile)| !futile).map(|(message, _)| message);
         let way = self.way.iter().flat_map(words::doubts);
+        let held_off = self.space.iter().filter_map(SpaceAhead::held_off).filter(|(_, futile)| !futile);
+        let cut = cut.into_iter().chain(held_off.map(|(message, _)| message));
         let unstable = self.stability.iter().filter(|stability| stability.is_doubtful());
         let unstable = unstable.map(|stability| ("servo.depth", words::unstable(stability)));
         let overload = self.overload.clone().map(|message| ("robot.model", message));
-        let doubts = cut.into_iter().chain(way).map(|message| ("servo.desired", message));
+        let doubts = cut.chain(way).map(|message| ("servo.desired", message));
         doubts.chain(unstable).chain(overload).collect()
     }
 

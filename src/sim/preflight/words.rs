@@ -23,6 +23,7 @@ pub(super) fn lines(preflight: &Preflight) -> Vec<String> {
         lines.push(format!("  way:   {}", straight_way(way)));
     }
     lines.extend(preflight.path.iter().map(|path| format!("  path:  {}", path.line())));
+    lines.extend(preflight.space.iter().map(|space| format!("  space: {}", space.line())));
     lines.extend(preflight.depth.iter().map(|depth| format!("  depth: {depth}")));
     if let Some([condition, slowest]) = preflight.stability.as_ref().map(stability) {
         lines.extend([format!("  law:   {condition}"), format!("         {slowest}")]);
