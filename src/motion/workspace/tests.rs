@@ -72,7 +72,7 @@ fn stays_inside<const N: usize>(name: &str, seed: u64) -> Result<(), TestCaseErr
     let mut random = Random::new(seed);
     let q_start = posture(&robot, &mut random);
     let mut set = settings(N);
-    set.self_collision = seed % 2 == 0;
+    set.self_collision = seed.is_multiple_of(2);
     let probe = WorkspaceSettings { sides: vec![side("", Vector3::zeros(), Vector3::z())], ..set.clone() };
     let checked = checked_points(&robot, &probe);
     let places = |q: &SVector<f64, N>| {
@@ -97,7 +97,7 @@ fn stays_inside<const N: usize>(name: &str, seed: u64) -> Result<(), TestCaseErr
         });
         for _ in 0..(random.between(1.0, 400.0) as usize) {
             let before = *r.state();
-            let after = if seed % 3 == 0 {
+            let after = if seed.is_multiple_of(3) {
                 let qdd = (qd - before.qd) * 5.0;
                 *r.accelerate(&qdd, SpanNs::MILLISECOND)
             } else {
