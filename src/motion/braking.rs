@@ -7,6 +7,11 @@
 /// Relative slack of the velocity limit: at the limit itself the sums are off by some units of rounding, 2e-16 each.
 const SLACK: f64 = 1e-12;
 
+/// Share of the acceleration and jerk limits with which the braking distance is computed. Chosen by hand: the distance to the goal is an
+/// estimate of the law, so that the rest must be left for its errors. With 1 an error of the distance becomes overshoot; with half of
+/// this value braking over the same distance takes up to `sqrt 2` times as long.
+const SHARE: f64 = 0.7;
+
 /// Position, velocity, acceleration of a joint; rad or m.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct JointMotionState {
@@ -119,6 +124,22 @@ fn extent_along(s: JointMotionState, b: &Bounds, sign: f64) -> (f64, f64) {
         s.q
     };
     (s.q.min(end).min(turn), s.q.max(end).max(turn))
+}
+
+/// The speed towards a goal at the distance `now.q` (not negative) from which braking ends there at rest. From zero
+/// acceleration the braking distance is `d = v^1.5 / sqrt(J)` while the acceleration limit is not reached, and
+/// `d = v (v / A + A / J) / 2` otherwise. The distance that the joint covers while its present acceleration is reduced to zero is
+/// subtracted first.
+pub(super) fn braking_speed(now: JointMotionState, bounds: &Bounds) -> f64 {
+    let (A, J) = (SHARE * bounds.acceleration, SHARE * bounds.jerk);
+    let (a, v) = (now.a.max(0.0), now.v.max(0.0));
+    let distance = (now.q - a / J * (v + a * a / (3.0 * J))).max(0.0);
+    if distance * J * J <= A * A * A {
+        (distance * J.sqrt()).powf(2.0 / 3.0)
+    } else {
+        let half = A * A / (2.0 * J);
+        (half * half + 2.0 * A * distance).sqrt() - half
+    }
 }
 
 #[cfg(test)]

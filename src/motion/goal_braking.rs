@@ -4,16 +4,12 @@
 //! from that velocity in time and would overshoot. Therefore the motion command is limited to the speed from which braking over the distance
 //! `d` ends at rest. Near the goal the law itself asks for less than that, and the command passes unchanged.
 
-use super::braking::{Bounds, JointMotionState};
+use super::braking::{Bounds, JointMotionState, braking_speed};
 use super::limits::{ActingLimits, Limit};
-use super::reference::{MotionLimits, ReferenceState};
+use super::motion_limits::MotionLimits;
+use super::reference::ReferenceState;
 use crate::servo::Convergence;
 use nalgebra::SVector;
-
-/// Share of the acceleration and jerk limits with which the braking distance is computed. Chosen by hand: the distance to the goal is an
-/// estimate of the law, so that the rest must be left for its errors. With 1 an error of the distance becomes overshoot; with half of
-/// this value braking over the same distance takes up to `sqrt 2` times as long.
-const SHARE: f64 = 0.7;
 
 /// Scales `requested_qd` (rad/s or m/s) down to what an arm whose reference is in `state` can brake from before the goal. All joints are
 /// scaled by the same factor, so that the direction of the motion is kept. Of the acceleration limits the share `acceleration_share` is
@@ -48,22 +44,6 @@ pub fn brakeable<const N: usize>(
         acting.set(Limit::Acceleration, joint);
     }
     (kept + towards * factor, acting)
-}
-
-/// The speed towards a goal at the distance `now.q` (not negative) from which braking ends there at rest. From zero
-/// acceleration the braking distance is `d = v^1.5 / sqrt(J)` while the acceleration limit is not reached, and
-/// `d = v (v / A + A / J) / 2` otherwise. The distance that the joint covers while its present acceleration is reduced to zero is
-/// subtracted first.
-pub(super) fn braking_speed(now: JointMotionState, bounds: &Bounds) -> f64 {
-    let (A, J) = (SHARE * bounds.acceleration, SHARE * bounds.jerk);
-    let (a, v) = (now.a.max(0.0), now.v.max(0.0));
-    let distance = (now.q - a / J * (v + a * a / (3.0 * J))).max(0.0);
-    if distance * J * J <= A * A * A {
-        (distance * J.sqrt()).powf(2.0 / 3.0)
-    } else {
-        let half = A * A / (2.0 * J);
-        (half * half + 2.0 * A * distance).sqrt() - half
-    }
 }
 
 #[cfg(test)]

@@ -14,6 +14,7 @@ mod goal_braking;
 mod joint_control;
 mod joint_observer;
 mod limits;
+mod motion_limits;
 mod payload_estimator;
 mod reference;
 mod residual_model;
@@ -29,7 +30,8 @@ pub use goal_braking::brakeable;
 pub use joint_control::{InverseDynamicsControl, JointController, JointLaw, JointTorque, PdGravityControl};
 pub use joint_observer::ObserverSettings;
 pub use limits::{ActingLimits, Limit, LimitWatch, LongActing};
-pub use reference::{MotionLimits, Reference, ReferenceState};
+pub use motion_limits::MotionLimits;
+pub use reference::{Reference, ReferenceState};
 pub use singularity::damp_singularity;
 pub use time_optimal::min_time_s;
 pub use workspace::{

@@ -4,7 +4,7 @@
 //! brakes symmetrically. Accelerating from rest to the speed v takes `t(v) = 2 sqrt(v / J)`, or
 //! `v / A + A / J` where A is reached (`v > A^2 / J`), and covers the distance `v t(v) / 2`. The slowest joint determines the time.
 
-use super::reference::MotionLimits;
+use super::motion_limits::MotionLimits;
 use nalgebra::SVector;
 
 /// Least time from rest in `from` to rest in `to` (rad or m), s: a lower bound, which no controller within `limits` beats.

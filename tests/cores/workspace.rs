@@ -20,7 +20,7 @@ use vservo::time::MonoNs;
 type Plane = (Vector3<f64>, Vector3<f64>);
 
 /// What became of the true arm in a run.
-struct Course {
+struct TrueCourse {
     run: SystemRun,
     /// Least distance of a sphere that is checked from a plane, m.
     room_m: f64,
@@ -57,7 +57,7 @@ fn spheres<const N: usize>(
     all
 }
 
-fn course(config: &Config, planes: &[Plane], radii: (Option<f64>, f64)) -> Course {
+fn course(config: &Config, planes: &[Plane], radii: (Option<f64>, f64)) -> TrueCourse {
     vservo::dispatch_robot!(config.robot, |robot| course_of(config, &robot, planes, radii)).unwrap()
 }
 
@@ -66,7 +66,7 @@ fn course_of<const N: usize>(
     robot: &Robot<N>,
     planes: &[Plane],
     radii: (Option<f64>, f64),
-) -> Course {
+) -> TrueCourse {
     let mount = config.camera.mount;
     let (mut room_m, mut speed_m_s, mut last_speed) = (f64::INFINITY, [0.0_f64; 2], f64::NAN);
     let mut last: Option<[Point3<f64>; 2]> = None;
@@ -105,10 +105,10 @@ fn course_of<const N: usize>(
             shares[2] = shares[2].max((after - before).abs() * 1e3 / config.motion.max_jerk[i]);
         }
     }
-    Course { run, room_m, speed_m_s, last_speed, shares }
+    TrueCourse { run, room_m, speed_m_s, last_speed, shares }
 }
 
-impl Course {
+impl TrueCourse {
     fn keeps_its_joints(&self) {
         let [v, a, j] = self.shares;
         // Differences of means over ticks of a motion whose jerk changes: half as much again.
@@ -155,23 +155,20 @@ fn goals_inside_are_reached_by_every_law_and_drive() {
         &["servo.scheme=look_and_move"],
         &["servo.scheme=position_pd"],
     ];
-    let (set, planes) = table(0.15);
+    let (set, planes) = table(0.19);
     for law in laws {
         let more = [
             "workspace.camera_speed_m_s=0.1",
             "workspace.flange_speed_m_s=0.12",
             "goal.feature_error_px=0.1",
+            "workspace.links=false",
             set.as_str(),
         ];
         let config = config("ur5.toml", &[law, &more[..]].concat());
-        let course = course(&config, &planes, (Some(0.06), 0.04));
+        let course = course(&config, &planes, (None, 0.04));
         assert_eq!(course.run.finish.outcome, Outcome::Converged, "{law:?} {:?}", course.run.finish);
         assert!(course.room_m > 0.005, "{law:?} {}", course.room_m);
         let [camera, flange] = course.speed_m_s;
-        println!(
-            "{law:?}: camera {camera} m/s, flange {flange} m/s, settled {:?} s",
-            course.run.settling_time_s
-        );
         assert!(camera < 0.1 * 1.05 && flange < 0.12 * 1.05, "{law:?} {camera} {flange}");
         course.keeps_its_joints();
     }
@@ -231,7 +228,7 @@ fn no_arm_leaves_half_spaces_at_random() {
             }
         }
     }
-    println!("{ran} runs: {reached} converged, {held} were held off");
+    // When this was written: 13 of 24 runs converged, 8 were held off.
     assert!(reached >= 6 && held >= 3, "{ran} {reached} {held}");
 }
 
@@ -251,7 +248,10 @@ fn a_start_beyond_a_plane_is_refused_with_its_distance() {
 #[test]
 fn an_arm_beyond_a_plane_is_led_back_by_goto_alone() {
     let (set, _) = table(0.15);
-    let config = config("ur5.toml", &[set.as_str(), "robot.start_elsewhere=true", "run.serve=true"]);
+    let config = config(
+        "ur5.toml",
+        &[set.as_str(), "workspace.links=false", "robot.start_elsewhere=true", "run.serve=true"],
+    );
     let robot: Robot<6> = config.robot.build().unwrap();
     // The shoulder bent forwards: camera and wrist lie under the table's top.
     let offset = SVector::from([0.0, 0.9, 0.0, 0.0, 0.0, 0.0]);
@@ -277,7 +277,7 @@ fn an_arm_beyond_a_plane_is_led_back_by_goto_alone() {
     };
     let height = || {
         let q = log.lock().unwrap().last().unwrap().q;
-        spheres(&robot, &config.camera.mount, &q, (Some(0.06), 0.04))
+        spheres(&robot, &config.camera.mount, &q, (None, 0.04))
             .iter()
             .map(|(p, radius)| p.z - radius - 0.15)
             .fold(f64::INFINITY, f64::min)

@@ -2,6 +2,7 @@
 
 use super::{ActingLimits, HALVINGS, Limit, Reference, ReferenceState};
 use crate::motion::braking::{JointMotionState, braked, breach};
+use crate::motion::workspace::JointStates;
 use nalgebra::SVector;
 
 /// Time after which an acceleration is judged by the velocity that it leads to, s. Chosen by hand: a few times what the jerk limit needs to change an acceleration; half of
@@ -16,7 +17,8 @@ impl<const N: usize> Reference<N> {
         acting: &mut ActingLimits,
     ) -> Option<SVector<f64, N>> {
         let space = self.space.as_mut()?;
-        let (qd, acts) = space.bend(&self.state, requested_qd, &self.limits);
+        let ReferenceState { q, qd, a, .. } = &self.state;
+        let (qd, acts) = space.bend(&JointStates { q, qd, a }, requested_qd, &self.limits);
         if acts {
             (0..N).for_each(|i| acting.set(Limit::Workspace, i));
         }

@@ -9,9 +9,8 @@
 use super::parts::ArmPlaces;
 use super::{SpaceLimit, Workspace};
 use crate::linalg::Ldlt;
-use crate::motion::braking::{Bounds, JointMotionState};
-use crate::motion::goal_braking::braking_speed;
-use crate::motion::reference::{MotionLimits, ReferenceState};
+use crate::motion::braking::{Bounds, JointMotionState, braking_speed};
+use crate::motion::motion_limits::MotionLimits;
 use nalgebra::{SMatrix, SVector, Vector3};
 
 /// Most limits that are kept off at a time, the nearest. Chosen by hand: three parts of an arm before the three faces of a corner, and three pairs; what is left out is
@@ -35,13 +34,20 @@ const NEAR_M: f64 = 0.02;
 const RETREAT_M_S: f64 = 0.01;
 /// Speed towards a limit above what it allows that is left to the second stage, m/s. Chosen by hand: rounding of the rounds, and a micrometre a second.
 const LEFT_M_S: f64 = 1e-6;
-/// Share of a speed limit that motion commands may use. Measured: the reference follows a command with a lag, and is up to 7 % faster than it where commands jump between the full speeds
-/// of its joints (`the_reference_keeps_its_speeds_in_space`: 2 % above the limit); otherwise it stays below.
-const SPEED_SHARE: f64 = 0.95;
+/// Share of a speed limit that motion commands may use. Measured: the reference follows a command with a lag, and is up to 13 % faster than it where commands jump between the full speeds
+/// of its joints (`the_reference_keeps_its_speeds_in_space`): then it is above the limit for moments, by 1 to 2 %.
+const SPEED_SHARE: f64 = 0.9;
 /// Motion commands below this square, (rad/s or m/s)^2, have no pace. Chosen by hand: 1e-6 rad/s.
 const NO_MOTION: f64 = 1e-12;
 /// Relative change of a command from which on a limit is said to act. Chosen by hand, far above rounding.
 const ACTS: f64 = 1e-6;
+
+/// Positions, velocities and accelerations of all joints of a reference, rad or m.
+pub(in crate::motion) struct JointStates<'a, const N: usize> {
+    pub(in crate::motion) q: &'a SVector<f64, N>,
+    pub(in crate::motion) qd: &'a SVector<f64, N>,
+    pub(in crate::motion) a: &'a SVector<f64, N>,
+}
 
 /// A limit as a bound on joint velocities: `g . qd >= -most`.
 #[derive(Debug, Clone, Copy)]
@@ -62,12 +68,12 @@ impl<const N: usize> Workspace<N> {
     /// it is another one.
     pub(in crate::motion) fn bend(
         &mut self,
-        state: &ReferenceState<N>,
+        state: &JointStates<'_, N>,
         requested_qd: &SVector<f64, N>,
         limits: &MotionLimits<N>,
     ) -> (SVector<f64, N>, bool) {
         (self.pace, self.held_by) = (1.0, None);
-        let places = ArmPlaces::of(&self.robot, &self.settings, &state.q);
+        let places = ArmPlaces::of(&self.robot, &self.settings, state.q);
         self.note(&places);
         let requested = requested_qd.norm_squared();
         if !(requested > NO_MOTION && requested.is_finite()) {
@@ -118,7 +124,7 @@ impl<const N: usize> Workspace<N> {
     /// `qd` bent so that no part approaches a limit faster than the arm can brake before it.
     fn kept_off(
         &mut self,
-        state: &ReferenceState<N>,
+        state: &JointStates<'_, N>,
         places: &ArmPlaces<N>,
         J: &SMatrix<f64, 6, N>,
         limits: &MotionLimits<N>,
@@ -200,7 +206,7 @@ fn row<const N: usize>(
     k: usize,
     room: f64,
     (g, h): (SVector<f64, N>, SVector<f64, N>),
-    state: &ReferenceState<N>,
+    state: &JointStates<'_, N>,
     limits: &MotionLimits<N>,
 ) -> Option<Row<N>> {
     let square = g.dot(&h);
@@ -213,7 +219,7 @@ fn row<const N: usize>(
         acceleration = acceleration.min(square * limits.acceleration[i] / h[i].abs());
         jerk = jerk.min(square * limits.jerk[i] / h[i].abs());
     }
-    let now = JointMotionState { q: room.max(0.0), v: -g.dot(&state.qd), a: -g.dot(&state.a) };
+    let now = JointMotionState { q: room.max(0.0), v: -g.dot(state.qd), a: -g.dot(state.a) };
     let bounds = Bounds { lower: 0.0, upper: 0.0, velocity: 0.0, acceleration, jerk };
     let closing = (CLOSING_1_S * room).max(-RETREAT_M_S);
     let most = if room > 0.0 { braking_speed(now, &bounds).min(closing) } else { closing };

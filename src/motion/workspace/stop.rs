@@ -6,7 +6,7 @@
 use super::parts::ArmPlaces;
 use super::{Clearance, Workspace};
 use crate::motion::braking::{JointMotionState, braked, braking_time_s, extent};
-use crate::motion::reference::MotionLimits;
+use crate::motion::motion_limits::MotionLimits;
 use nalgebra::SVector;
 
 /// Time between two looks at the braking arm, s. Derived: a joint of 3 rad/s turns by 0.06 rad in between, and what is 1 m away from it leaves its chord
