@@ -83,7 +83,7 @@ fn states(set: &[&str], ticks: u64) -> (Vec<JointState>, Vec<Vec<u8>>) {
 fn an_encoder_that_freezes_drives_no_arm_away() {
     let (mut runs, mut told, mut at_rest) = (0, 0, 0);
     for (arm, joint) in
-        [("ur5", 0), ("ur5", 2), ("ur5", 4), ("panda", 3), ("panda", 5), ("scara", 0), ("scara", 2)]
+        [("ur5", 0), ("ur5", 2), ("ur5", 4), ("panda", 3), ("panda", 5), ("scara-b", 0), ("scara-b", 2)]
     {
         for from_s in [0.3, 0.5, 0.8] {
             let fault = format!(
