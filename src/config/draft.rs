@@ -1,9 +1,10 @@
 //! A draft: a run file that was parsed but not validated yet, for commands that fill in values which the file leaves open.
 
 use super::check::pose;
+use super::goal_file::{GoalFile, word};
 use super::raw::{DriveKind, MountKind, RawConfig, RawDrive, RawMotion, SetPointKind, Task};
 use super::{Config, ConfigError, DEFAULT_TOML, Document, Problem, SHIPPED_FILES, ShippedFile};
-use super::{goal_file, lens_file, pose_forms, stereo, tables, validate};
+use super::{lens_file, pose_forms, stereo, tables, validate};
 use crate::geometry::{Pose, roll_pitch_yaw};
 use crate::input::{file, nearest};
 use crate::robot::Mount;
@@ -202,6 +203,37 @@ fn with_new_names(document: &mut Document) -> Vec<Problem> {
     RENAMED.iter().filter_map(|(table, old, new)| document.rename(table, old, new)).collect()
 }
 
+/// Loads the features of `servo.set_point.file` into the table, as if they had been written there. `absolute` makes a path of the run file absolute.
+fn taught_set_point(
+    raw: &mut RawConfig,
+    document: &Document,
+    absolute: impl Fn(&str, &Path) -> PathBuf,
+    problems: &mut Vec<Problem>,
+) {
+    const KEY: &str = "servo.set_point.file";
+    let set_point = &mut raw.servo.set_point;
+    let Some(name) = set_point.file.take() else { return };
+    let mut wrong = |message: String| problems.push(document.problem(KEY, message));
+    if !set_point.features.is_empty() || set_point.kind == SetPointKind::Taught {
+        return wrong(
+            "servo.set_point.features or kind = \"taught\" is given too: leave out one of them".into(),
+        );
+    }
+    let path = absolute(KEY, &name);
+    let place = path.display();
+    match GoalFile::load(&path) {
+        Err(why) => wrong(why),
+        Ok(goal) if goal.target != word(raw.target.kind) => {
+            let kind = word(raw.target.kind);
+            wrong(format!("{place} is of a target of kind \"{}\", target.kind is \"{kind}\"", goal.target));
+        }
+        Ok(goal) => {
+            set_point.kind = SetPointKind::Features;
+            set_point.features = goal.features.iter().map(|feature| feature.s).collect();
+        }
+    }
+}
+
 /// Puts what stands in the files of named goals and postures in their places.
 fn named_goals(
     raw: &mut RawConfig,
@@ -232,7 +264,7 @@ fn resolve_paths(raw: &mut RawConfig, document: &Document, folder: &Path, proble
     pose_forms::resolve(raw, document, problems);
     lens_file::resolve(raw, document, absolute, problems);
     stereo::resolve(raw, document, absolute, problems);
-    goal_file::resolve(raw, document, absolute, problems);
+    taught_set_point(raw, document, absolute, problems);
     named_goals(raw, document, absolute, problems);
     images("camera.replay.folder", &mut raw.camera.replay.folder);
     images("camera.replay.recording", &mut raw.camera.replay.recording);

@@ -1,16 +1,11 @@
 //! Taught set-points: the file that `vservo teach` writes and `servo.set_point.file` reads.
 
-use super::problem::Problem;
-use super::raw::{RawConfig, SetPointKind};
+use super::Config;
 use super::target::TargetKind;
-use super::{Config, Document};
 use crate::geometry::Pose;
 use crate::input::file;
 use serde::{Deserialize, Serialize};
-use std::path::{Path, PathBuf};
-
-/// The key that names such a file.
-const KEY: &str = "servo.set_point.file";
+use std::path::Path;
 
 /// A taught goal.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -92,36 +87,6 @@ impl GoalFile {
     pub fn pose_of(X_DO: &Pose) -> GoalPose {
         let (roll, pitch, yaw) = X_DO.rotation.euler_angles();
         GoalPose { position_m: X_DO.translation.vector.into(), rotation_rpy_rad: [roll, pitch, yaw] }
-    }
-}
-
-/// Loads the features of `servo.set_point.file` into the table, as if they had been written there. `absolute` makes a path of the run file absolute.
-pub(super) fn resolve(
-    raw: &mut RawConfig,
-    document: &Document,
-    absolute: impl Fn(&str, &Path) -> PathBuf,
-    problems: &mut Vec<Problem>,
-) {
-    let set_point = &mut raw.servo.set_point;
-    let Some(name) = set_point.file.take() else { return };
-    let mut wrong = |message: String| problems.push(document.problem(KEY, message));
-    if !set_point.features.is_empty() || set_point.kind == SetPointKind::Taught {
-        return wrong(
-            "servo.set_point.features or kind = \"taught\" is given too: leave out one of them".into(),
-        );
-    }
-    let path = absolute(KEY, &name);
-    let place = path.display();
-    match GoalFile::load(&path) {
-        Err(why) => wrong(why),
-        Ok(goal) if goal.target != word(raw.target.kind) => {
-            let kind = word(raw.target.kind);
-            wrong(format!("{place} is of a target of kind \"{}\", target.kind is \"{kind}\"", goal.target));
-        }
-        Ok(goal) => {
-            set_point.kind = SetPointKind::Features;
-            set_point.features = goal.features.iter().map(|feature| feature.s).collect();
-        }
     }
 }
 

@@ -1,13 +1,10 @@
 //! Goals and postures with names, of run files and programs: `[goals.NAME]` and `[postures.NAME]`.
 
 use super::check::Validation;
-use super::goal_file::word;
-use super::keys::{PoseTable, RotationForms};
-use super::raw::RawConfig;
+use super::raw::{RawNamedGoal, RawPosture};
 use super::source::Document;
 use super::{GoalFile, Problem, pose_forms};
 use crate::geometry::Pose;
-use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
@@ -23,44 +20,6 @@ pub enum ProgramGoal {
     Taught(GoalFile),
     /// The pose of the target in the camera at the goal.
     Pose(Pose),
-}
-
-/// `[goals.NAME]` as it is written.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct RawNamedGoal {
-    /// File of `vservo teach`, only where it is read.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub file: Option<PathBuf>,
-    /// What stands in it.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub taught: Option<GoalFile>,
-    /// Position of the target in the camera, m.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub position_m: Option<[f64; 3]>,
-    /// Its roll, pitch, yaw, rad.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub rotation_rpy_rad: Option<[f64; 3]>,
-    /// The same, deg.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub rotation_rpy_deg: Option<[f64; 3]>,
-    /// Or as unit quaternion x, y, z, w.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub rotation_xyzw: Option<[f64; 4]>,
-    /// Or as axis times angle, rad.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub rotation_vector_rad: Option<[f64; 3]>,
-}
-
-/// `[postures.NAME]` as it is written.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct RawPosture {
-    /// Joint positions, rad or m.
-    pub q_rad_or_m: Vec<f64>,
-    /// File of `vservo ctl teach --save`, which has them; only where it is read.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub file: Option<PathBuf>,
 }
 
 impl RawNamedGoal {
@@ -135,48 +94,6 @@ impl RawPosture {
             check.range(&format!("{key}.q_rad_or_m[{i}]"), *x, POSITION);
         }
         (!self.q_rad_or_m.is_empty()).then(|| self.q_rad_or_m.clone())
-    }
-}
-
-/// Goals that requests may name are of the run's target, postures of its arm with so many joints.
-pub(super) fn named_goals(raw: &RawConfig, joints: Option<usize>, check: &mut Validation<'_>) {
-    for (name, goal) in &raw.goals {
-        let (key, kind) = (format!("goals.{name}"), word(raw.target.kind));
-        if let Some(ProgramGoal::Taught(goal)) = goal.goal(&key, check)
-            && goal.target != kind
-        {
-            check.wrong(
-                &key,
-                format!("is of a target of kind \"{}\", target.kind is \"{kind}\"", goal.target),
-            );
-        }
-    }
-    for (name, posture) in &raw.postures {
-        let key = format!("postures.{name}");
-        if let (Some(q), Some(joints)) = (posture.posture(&key, check), joints)
-            && q.len() != joints
-        {
-            check.wrong(&key, format!("has {} joints, the arm {joints}", q.len()));
-        }
-    }
-}
-
-impl PoseTable for RawNamedGoal {
-    fn take_forms(&mut self) -> RotationForms {
-        RotationForms {
-            rpy_deg: self.rotation_rpy_deg.take(),
-            xyzw: self.rotation_xyzw.take(),
-            vector_rad: self.rotation_vector_rad.take(),
-            matrix: None,
-        }
-    }
-
-    fn set_position_m(&mut self, position_m: [f64; 3]) {
-        self.position_m = Some(position_m);
-    }
-
-    fn set_rotation_rpy_rad(&mut self, rotation_rpy_rad: [f64; 3]) {
-        self.rotation_rpy_rad = Some(rotation_rpy_rad);
     }
 }
 

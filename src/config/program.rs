@@ -1,6 +1,7 @@
 //! Programs: what `vservo do` has a running instance do, step by step. All of a file is read and checked before anything moves.
 
-use super::named_goal::{ProgramGoal, RawNamedGoal, RawPosture};
+use super::named_goal::ProgramGoal;
+use super::raw::{RawNamedGoal, RawPosture};
 use super::source::Document;
 use super::wait_for::WaitFor;
 use super::{ConfigError, Problem, check, tables};

@@ -2,7 +2,6 @@
 //!
 //! Each table rejects unknown keys. `validate` checks the values.
 
-use super::named_goal::{RawNamedGoal, RawPosture};
 use super::target::RawTarget;
 use crate::control::safety::ContactReaction;
 use crate::drive::CommandMode;
@@ -13,6 +12,7 @@ use std::path::PathBuf;
 
 mod faults;
 mod motion;
+mod named_goal;
 mod servo;
 mod stereo;
 mod truth;
@@ -25,6 +25,7 @@ pub(super) use super::place::{
 pub(super) use faults::{FaultKind, RawFault};
 pub use motion::JointControl;
 pub(super) use motion::RawMotion;
+pub use named_goal::{RawNamedGoal, RawPosture};
 pub(super) use servo::{AreaKind, DampingOn, Depth, FeatureGain, Gains, RawServo};
 pub use servo::{SchemeKind, SetPointKind};
 pub(super) use stereo::{RawStereo, RawTaughtPoint, RawTaughtView};

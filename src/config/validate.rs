@@ -5,13 +5,13 @@ mod drive;
 mod faults;
 mod lens;
 mod motion;
+mod names;
 mod start;
 mod truth;
 mod workspace;
 
 use super::check::Validation;
 use super::estimation::is_asked_for;
-use super::named_goal::named_goals;
 use super::raw::{
     Carrier, Clock, DriveKind, MountKind, RawConfig, RealtimePolicy, SceneMotionKind, SchemeKind,
     SetPointKind, Task,
@@ -177,7 +177,7 @@ pub(super) fn validate(
         }
     }
     let drive = drive::drive(&raw, robot.as_ref(), check);
-    named_goals(&raw, robot.as_ref().map(RobotDescription::joint_count), check);
+    names::named_goals(&raw, robot.as_ref().map(RobotDescription::joint_count), check);
     let faults = faults::faults(&raw, robot.as_ref().map(RobotDescription::joint_count), check);
     faults::give(&faults, raw.run.seed, camera.iter_mut().chain(&mut further_cameras));
     if safety.contact == ContactReaction::Float && drive.mode != CommandMode::Torque {

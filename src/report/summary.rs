@@ -333,11 +333,7 @@ impl Summary {
             let _ = writeln!(t, "contact       {}", contact.to_text());
         }
         if !self.untrusted_encoders.is_empty() {
-            let _ = writeln!(
-                t,
-                "encoders      not trusted: joints {:?}, counted from 0",
-                self.untrusted_encoders
-            );
+            let _ = writeln!(t, "encoders      not trusted: joints {:?} from 0", self.untrusted_encoders);
         }
         if self.late_drive_states > 0 {
             let _ = writeln!(t, "drive         {} ticks without a new state in time", self.late_drive_states);

@@ -75,13 +75,13 @@ pub struct EncoderTraits<const N: usize> {
 pub struct EncoderWatch<const N: usize> {
     /// What the drive reported last, positions and speeds, and when.
     last: Option<(MonoNs, SVector<f64, N>, SVector<f64, N>)>,
-    joints: [Reading; N],
+    joints: [EncoderReading; N],
     is_late: bool,
 }
 
 /// The readings of one joint.
 #[derive(Debug, Clone, Copy, Default)]
-struct Reading {
+struct EncoderReading {
     /// For how many ticks no motion explains them.
     unexplained: u32,
     /// When the last one came that differed from the one before.
@@ -93,7 +93,7 @@ struct Reading {
 
 impl<const N: usize> Default for EncoderWatch<N> {
     fn default() -> Self {
-        Self { last: None, joints: [Reading::default(); N], is_late: false }
+        Self { last: None, joints: [EncoderReading::default(); N], is_late: false }
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::{ActingLimits, HALVINGS, Limit, Reference, ReferenceState};
 use crate::motion::braking::{JointMotionState, braked, breach};
-use crate::motion::workspace::JointStates;
+use crate::motion::workspace::ReferenceJoints;
 use nalgebra::SVector;
 
 /// Time after which an acceleration is judged by the velocity that it leads to, s. Chosen by hand: a few times what the jerk limit needs to change an acceleration; half of
@@ -18,7 +18,7 @@ impl<const N: usize> Reference<N> {
     ) -> Option<SVector<f64, N>> {
         let space = self.space.as_mut()?;
         let ReferenceState { q, qd, a, .. } = &self.state;
-        let (qd, acts) = space.bend(&JointStates { q, qd, a }, requested_qd, &self.limits);
+        let (qd, acts) = space.bend(&ReferenceJoints { q, qd, a }, requested_qd, &self.limits);
         if acts {
             (0..N).for_each(|i| acting.set(Limit::Workspace, i));
         }

@@ -43,7 +43,7 @@ const NO_MOTION: f64 = 1e-12;
 const ACTS: f64 = 1e-6;
 
 /// Positions, velocities and accelerations of all joints of a reference, rad or m.
-pub(in crate::motion) struct JointStates<'a, const N: usize> {
+pub(in crate::motion) struct ReferenceJoints<'a, const N: usize> {
     pub(in crate::motion) q: &'a SVector<f64, N>,
     pub(in crate::motion) qd: &'a SVector<f64, N>,
     pub(in crate::motion) a: &'a SVector<f64, N>,
@@ -68,7 +68,7 @@ impl<const N: usize> Workspace<N> {
     /// it is another one.
     pub(in crate::motion) fn bend(
         &mut self,
-        state: &JointStates<'_, N>,
+        state: &ReferenceJoints<'_, N>,
         requested_qd: &SVector<f64, N>,
         limits: &MotionLimits<N>,
     ) -> (SVector<f64, N>, bool) {
@@ -124,7 +124,7 @@ impl<const N: usize> Workspace<N> {
     /// `qd` bent so that no part approaches a limit faster than the arm can brake before it.
     fn kept_off(
         &mut self,
-        state: &JointStates<'_, N>,
+        state: &ReferenceJoints<'_, N>,
         places: &ArmPlaces<N>,
         J: &SMatrix<f64, 6, N>,
         limits: &MotionLimits<N>,
@@ -206,7 +206,7 @@ fn row<const N: usize>(
     k: usize,
     room: f64,
     (g, h): (SVector<f64, N>, SVector<f64, N>),
-    state: &JointStates<'_, N>,
+    state: &ReferenceJoints<'_, N>,
     limits: &MotionLimits<N>,
 ) -> Option<Row<N>> {
     let square = g.dot(&h);

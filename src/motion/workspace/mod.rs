@@ -17,7 +17,7 @@ mod segments;
 mod settings;
 mod stop;
 
-pub(in crate::motion) use bend::JointStates;
+pub(in crate::motion) use bend::ReferenceJoints;
 pub use parts::{ArmPlaces, CheckedPoint, checked_points};
 pub use settings::{HalfSpace, SpaceLimit, WorkspaceSettings};
 

@@ -9,11 +9,10 @@ use crate::motion::braking::{JointMotionState, braked, braking_time_s, extent};
 use crate::motion::motion_limits::MotionLimits;
 use nalgebra::SVector;
 
-/// Time between two looks at the braking arm, s. Derived: a joint of 3 rad/s turns by 0.06 rad in between, and what is 1 m away from it leaves its chord
-/// by `0.06^2 / 8` of that, half a millimetre; slower ones by the square less.
-const LOOK_EVERY_S: f64 = 0.02;
-/// Most looks. Derived: for the 0.32 s in which a joint brakes from 3 rad/s with 10 rad/s^2; they take some microseconds, near a limit and at full speed alone.
-const MOST_LOOKS: f64 = 16.0;
+/// By how much a joint turns at most between two looks at the braking arm, rad. Derived: what is 1 m away from it leaves its chord by `0.06^2 / 8` of that, half a millimetre.
+const LOOK_EVERY_RAD: f64 = 0.06;
+/// Most looks. Derived: for the 0.6 s in which a joint brakes from 6 rad/s with 10 rad/s^2; they take some tens of microseconds, near a limit and at full speed alone.
+const MOST_LOOKS: f64 = 64.0;
 
 impl<const N: usize> Workspace<N> {
     /// Rounding of distances, m. Chosen by hand: far above that of their sums, 1e-15, so that an arm at rest at a limit may stay there.
@@ -30,17 +29,18 @@ impl<const N: usize> Workspace<N> {
         if self.now.is_empty() {
             return true;
         }
-        let (mut way_m, mut braking_s) = (0.0, 0.0_f64);
+        let (mut way_m, mut braking_s, mut fastest) = (0.0, 0.0_f64, 0.0_f64);
         for (i, state) in next.iter().enumerate() {
             let bounds = limits.bounds(i);
             let (low, high) = extent(*state, &bounds);
             way_m += self.reach[i] * (high - q_now[i]).max(q_now[i] - low).max(0.0);
             braking_s = braking_s.max(braking_time_s(*state, &bounds));
+            fastest = fastest.max(state.v.abs());
         }
         if way_m < self.least + self.reserve_m() {
             return true;
         }
-        let looks = (braking_s / LOOK_EVERY_S).ceil().clamp(1.0, MOST_LOOKS) as u32;
+        let looks = (braking_s * fastest / LOOK_EVERY_RAD).ceil().clamp(1.0, MOST_LOOKS) as u32;
         // Where it ends is what it mostly fails by.
         (1..=looks).rev().all(|look| {
             let t_s = braking_s * f64::from(look) / f64::from(looks);
