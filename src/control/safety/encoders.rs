@@ -80,8 +80,10 @@ pub struct EncoderWatch<const N: usize> {
 }
 
 /// The readings of one joint.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy)]
 struct EncoderReading {
+    /// The least change so far, rad or m: encoders may be coarser than they are said to be.
+    least_step: f64,
     /// For how many ticks no motion explains them.
     unexplained: u32,
     /// When the last one came that differed from the one before.
@@ -93,7 +95,14 @@ struct EncoderReading {
 
 impl<const N: usize> Default for EncoderWatch<N> {
     fn default() -> Self {
-        Self { last: None, joints: [EncoderReading::default(); N], is_late: false }
+        let reading = EncoderReading {
+            least_step: f64::INFINITY,
+            unexplained: 0,
+            changed: MonoNs::ZERO,
+            reference: 0.0,
+            is_distrusted: false,
+        };
+        Self { last: None, joints: [reading; N], is_late: false }
     }
 }
 
@@ -126,8 +135,11 @@ impl<const N: usize> EncoderWatch<N> {
             let stops = FRICTION * traits.coulomb[i] / (LIGHT * traits.inertia[i]).max(f64::MIN_POSITIVE);
             let qd = expected.qd[i] + h * expected.qdd[i];
             let q = expected.q[i] + 0.5 * h * (expected.qd[i] + qd);
-            let off = (drive.q[i] - q).abs() - STEPS * traits.step[i];
             let is_still = drive.q[i] == last[i];
+            if !is_still {
+                joint.least_step = joint.least_step.min((drive.q[i] - last[i]).abs());
+            }
+            let off = (drive.q[i] - q).abs() - STEPS * traits.step[i].max(joint.least_step);
             let wrong = if is_still {
                 let is_frozen = drive.qd[i] == 0.0 || drive.qd[i] == last_qd[i];
                 let unmoved = if is_frozen { UNMOVED } else { UNMOVED_BY_PLACE };
@@ -185,7 +197,8 @@ impl<const N: usize> EncoderWatch<N> {
 
     /// Trusts all encoders again, after a reset.
     pub fn restart(&mut self) {
-        *self = Self::default();
+        self.last = None;
+        self.joints.iter_mut().for_each(|joint| (joint.unexplained, joint.is_distrusted) = (0, false));
     }
 
     /// The next state has none before it: states were not usable.
@@ -254,6 +267,21 @@ mod tests {
         for (speed, step) in [(0.01, 0.0), (0.5, 0.0), (2.0, 0.0), (0.5, 5e-4), (2.0, 1e-3)] {
             let (worst, _, fault) = watched(speed, step, |_, q, qd, _| (q, qd));
             assert!(worst <= 0.5 * step + 1e-12 && fault.is_none(), "{speed} {step}: {worst} {fault:?}");
+        }
+    }
+
+    /// Steps that nobody told, with the speed that a filter of 100 Hz makes of them.
+    #[test]
+    fn untold_steps_of_an_encoder_are_no_freeze() {
+        for step in [1e-4, 1e-3, 1.5e-2] {
+            let filter = std::cell::Cell::new((0.0_f64, 0.0_f64));
+            let (.., fault) = watched(0.3, 0.0, |_, q, _, _| {
+                let (before, qd) = filter.get();
+                let seen = (q / step).round() * step;
+                filter.set((seen, qd + ((seen - before) / 1e-3 - qd) * 0.386));
+                (seen, filter.get().1)
+            });
+            assert_eq!(fault, None, "{step}");
         }
     }
 
