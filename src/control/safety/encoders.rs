@@ -308,9 +308,9 @@ mod tests {
     fn a_frozen_encoder_is_told_and_never_believed_again() {
         for speed in [0.3, 1.0, 2.0] {
             let (_, worst_qd, fault) =
-                watched(speed, 0.0, |k, q, qd, before| if k >= 800 { (before, 0.0) } else { (q, qd) });
+                watched(speed, 0.0, |k, q, qd, before| if k >= 400 { (before, 0.0) } else { (q, qd) });
             let (at, fault) = fault.unwrap();
-            assert!(fault == Fault::EncoderFrozen && (830..=832).contains(&at), "{speed}: {at} {fault:?}");
+            assert!(fault == Fault::EncoderFrozen && (430..=432).contains(&at), "{speed}: {at} {fault:?}");
             // The joint's own motion without its unexpected part.
             assert!(worst_qd < 0.3, "{speed}: {worst_qd}");
         }

