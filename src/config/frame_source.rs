@@ -423,7 +423,7 @@ pub(super) fn source(
         }
         SourceKind::Replay => {
             let (repeat, strict) = (c.replay.repeat, c.replay.strict);
-            Source::Replay { images: replay_images(&c.replay, &key, check), repeat, strict }
+            Source::Replay { images: replay_images(&c.replay, key, check), repeat, strict }
         }
         SourceKind::V4l2 => Source::V4l2(v4l2),
         SourceKind::External => Source::External(program),

@@ -256,7 +256,7 @@ mod tests {
     fn ros_image(encoding: &str, stride: u32, data: &[u8]) -> Vec<u8> {
         let mut bytes = vec![0_u8, 1, 0, 0];
         let number = |bytes: &mut Vec<u8>, value: u32| {
-            while bytes.len() % 4 != 0 {
+            while !bytes.len().is_multiple_of(4) {
                 bytes.push(0);
             }
             bytes.extend_from_slice(&value.to_le_bytes());
@@ -266,10 +266,15 @@ mod tests {
             bytes.extend_from_slice(text.as_bytes());
             bytes.push(0);
         };
-        (number(&mut bytes, 12), number(&mut bytes, 500), text(&mut bytes, "optical_frame"));
-        (number(&mut bytes, 2), number(&mut bytes, 4), text(&mut bytes, encoding));
+        number(&mut bytes, 12);
+        number(&mut bytes, 500);
+        text(&mut bytes, "optical_frame");
+        number(&mut bytes, 2);
+        number(&mut bytes, 4);
+        text(&mut bytes, encoding);
         bytes.push(0);
-        (number(&mut bytes, stride), number(&mut bytes, data.len() as u32));
+        number(&mut bytes, stride);
+        number(&mut bytes, data.len() as u32);
         bytes.extend_from_slice(data);
         bytes
     }

@@ -164,8 +164,9 @@ fn neighbours_do_not_go_in_circles() {
 fn files_that_pages_name_are_there() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut sources = Vec::new();
-    ["src", "tests", "bin", "benches", "examples", "crates", "python/src"]
-        .map(|folder| files(&root.join(folder), &mut sources));
+    for folder in ["src", "tests", "bin", "benches", "examples", "crates", "python/src"] {
+        files(&root.join(folder), &mut sources);
+    }
     let mut pages = vec![root.join("ARCHITECTURE.md"), root.join("README.md")];
     pages.extend(std::fs::read_dir(root.join("docs")).unwrap().flatten().map(|entry| entry.path()));
     let (mut named, mut missing) = (0, Vec::new());
