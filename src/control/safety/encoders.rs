@@ -129,7 +129,10 @@ impl<const N: usize> EncoderWatch<N> {
             return (*drive, None);
         }
         let h = passed.as_s();
-        let is_repeated = drive.q == last && drive.qd == last_qd && expected.qd.amax() > MOVES;
+        // Within a step of a coarse encoder all readings stay the same too.
+        let goes =
+            |i: usize| h * expected.qd[i].abs() - STEPS * traits.step[i].max(self.joints[i].least_step);
+        let is_repeated = drive.q == last && drive.qd == last_qd && (0..N).any(|i| goes(i) > h * MOVES);
         let (mut believed, mut fault) = (*drive, None);
         for (i, joint) in self.joints.iter_mut().enumerate() {
             let stops = FRICTION * traits.coulomb[i] / (LIGHT * traits.inertia[i]).max(f64::MIN_POSITIVE);
@@ -282,6 +285,23 @@ mod tests {
                 (seen, filter.get().1)
             });
             assert_eq!(fault, None, "{step}");
+        }
+    }
+
+    /// An arm that begins to move within a step of its encoders, which are known: all readings stay the same.
+    #[test]
+    fn motion_within_a_step_is_no_repeated_state() {
+        let mut watch = EncoderWatch::<1>::default();
+        let traits = EncoderTraits {
+            step: Vector1::repeat(0.015),
+            inertia: Vector1::repeat(1.0),
+            coulomb: Vector1::zeros(),
+        };
+        let still = DriveState { q: Vector1::new(0.3), qd: Vector1::zeros(), truth: None };
+        for k in 0..100 {
+            let expected = ExpectedMotion { q: still.q, qd: Vector1::new(0.1), qdd: Vector1::zeros() };
+            let told = watch.take(MonoNs(k * 1_000_000), &still, &still.q, Some(&expected), &traits);
+            assert_eq!(told, (still, None), "{k}");
         }
     }
 
