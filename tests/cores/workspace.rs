@@ -11,7 +11,7 @@ use vservo::control::lifecycle::{Refusal, Request};
 use vservo::control::outcome::Outcome;
 use vservo::control::safety::Fault;
 use vservo::linalg::Random;
-use vservo::messages::{CommandForm, ControlCommand, ControlState};
+use vservo::messages::{CommandForm, ControlCommand};
 use vservo::robot::{Mount, Robot};
 use vservo::sim::{Moment, SystemRun, simulate_system};
 use vservo::time::MonoNs;
