@@ -96,11 +96,11 @@ fn asked<const N: usize>(k: i64, config: &Config, q: &SVector<f64, N>) -> Option
 const MATRIX_OF_FOUR: &str =
     "servo.gain_1_s=[[2, 0.5, 0, 0], [0.5, 2, 0, 0], [0, 0, 1, 0.1], [0, 0, 0.1, 1]]";
 
-/// A table that the arms come to, a box about them, and speeds.
+/// A table, a box about the arms, and speeds.
 const LIMITS_IN_SPACE: [&str; 4] = [
     "workspace.camera_speed_m_s=0.2",
     "workspace.self_collision=true",
-    "workspace.planes=[{ point_m = [0.0, 0.0, 0.15], normal = [0.0, 0.0, 1.0] }]",
+    "workspace.planes=[{ point_m = [0.0, 0.0, -0.3], normal = [0.0, 0.0, 1.0] }]",
     "workspace.boxes=[{ min_m = [-2.0, -2.0, -2.0], max_m = [2.0, 2.0, 2.0] }]",
 ];
 

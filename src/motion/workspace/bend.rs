@@ -34,8 +34,8 @@ const NEAR_M: f64 = 0.02;
 const RETREAT_M_S: f64 = 0.01;
 /// Speed towards a limit above what it allows that is left to the second stage, m/s. Chosen by hand: rounding of the rounds, and a micrometre a second.
 const LEFT_M_S: f64 = 1e-6;
-/// Share of a speed limit that motion commands may use. Measured: the reference follows a command with a lag, and is up to 22 % faster than it where commands jump between the full speeds
-/// of its joints (`the_reference_keeps_its_speeds_in_space`): then it is above the limit for moments, by up to 6 %.
+/// Share of a speed limit that motion commands may use. Measured: the reference follows a command with a lag, and is up to 24 % faster than it where commands jump between the full speeds
+/// of its joints (`the_reference_keeps_its_speeds_in_space`): then it is above the limit for moments, by up to 8 %.
 const SPEED_SHARE: f64 = 0.87;
 /// Motion commands below this square, (rad/s or m/s)^2, have no pace. Chosen by hand: 1e-6 rad/s.
 const NO_MOTION: f64 = 1e-12;
