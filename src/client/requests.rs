@@ -8,7 +8,7 @@ use crate::input::nearest;
 use crate::ipc::Role;
 use crate::messages::{CommandForm, ControlCommand, ControlState};
 use crate::process::ProcessError;
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 use serde::de::DeserializeOwned;
 use std::path::Path;
 
@@ -52,13 +52,10 @@ impl Client {
     /// As for [`Self::status`], and when the run file has none of this name.
     pub fn goal_named(&self, name: &str) -> Result<RunAnswer, ProcessError> {
         let raw: RawNamedGoal = self.named("goals", name)?;
-        match (raw.taught, raw.position_m) {
-            (Some(goal), _) => self.goal(&goal),
-            (None, position_m) => {
-                let [roll, pitch, yaw] = raw.rotation_rpy_rad.unwrap_or_default();
-                let rotation = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
-                self.goal_pose(&Pose::from_parts(position_m.unwrap_or_default().into(), rotation))
-            }
+        match (&raw.taught, raw.pose()) {
+            (Some(goal), _) => self.goal(goal),
+            (None, Some(X_DO)) => self.goal_pose(&X_DO),
+            (None, None) => Err(ProcessError::NoCommand(format!("`{name}` of the run file is no goal"))),
         }
     }
 

@@ -1,6 +1,6 @@
 //! Goals and postures with names, of run files and programs: `[goals.NAME]` and `[postures.NAME]`.
 
-use super::check::Validation;
+use super::check::{Validation, pose};
 use super::raw::{RawNamedGoal, RawPosture};
 use super::source::Document;
 use super::{GoalFile, Problem, pose_forms};
@@ -48,6 +48,12 @@ impl RawNamedGoal {
             let message = "needs file (of `vservo teach`), or position_m of the target in the camera";
             problems.push(document.problem(key, message));
         }
+    }
+
+    /// The pose of the target in the camera, where it is one.
+    #[must_use]
+    pub fn pose(&self) -> Option<Pose> {
+        Some(pose(self.position_m?, self.rotation_rpy_rad.unwrap_or_default()))
     }
 
     /// The goal; `None` where it is not there or wrong, which was told.

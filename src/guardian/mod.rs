@@ -20,9 +20,10 @@ const LONGEST_LOOK: SpanNs = SpanNs(2_000_000);
 /// Silence after which it is asked whether control is suspended or dead. Chosen by hand: five commands, more than one that was late; with a look and a cycle of the drive
 /// the brake begins within 8 ms, where 20 are asked for.
 const ASK_AFTER: SpanNs = SpanNs(5_000_000);
-/// What a number may be beyond its limit: this share, and this much. Chosen by hand: the gate admits half of what the jerk changes of an acceleration in a tick, 2.5 % at
-/// 500 rad/s3 and 10 rad/s2, and a step of that acceleration is 1e-2 rad/s.
+/// Share of its limit that a number may be beyond it. Chosen by hand: the gate admits half of what the jerk changes of an acceleration in a tick, 2.5 % at
+/// 500 rad/s3 and 10 rad/s2.
 const TOLERANCE: f64 = 0.05;
+/// What a number, or a difference of two, may be beyond that, in its unit. Chosen by hand: a hundredth of the step of 1e-2 rad/s that 10 rad/s2 make in a tick.
 const ROUNDING: f64 = 1e-4;
 /// Factor of the velocity limit beyond which the measured arm is too fast, as control has it.
 const TOO_FAST: f64 = 1.5;

@@ -4,9 +4,9 @@ use super::braking::Bounds;
 use crate::robot::Robot;
 use nalgebra::SVector;
 
-/// What replaces an infinite range (rad or m) or speed limit (rad/s or m/s) when a state is checked for plausibility. Chosen by hand,
-/// beyond every robot: a joint that has turned 160 000 times, a speed of 160 turns a second.
+/// What replaces an infinite range when a state is checked for plausibility, rad or m. Chosen by hand, beyond every robot: a joint that has turned 160 000 times.
 const LONGEST_RANGE: f64 = 1e6;
+/// The same of a speed limit, rad/s or m/s. Chosen by hand, likewise: 160 turns a second.
 const FASTEST: f64 = 1e3;
 
 /// Limits of the reference; rad or m, per second.

@@ -81,6 +81,7 @@ impl GuardianWatch<'_> {
             (false, true) => self.guardian.stop(),
             (true, false) => {
                 info!("the guardian's stop was reset");
+                self.instance.leave_words_of_guardian(""); // what comes later has other reasons
                 self.guardian.reset();
             }
             _ => {}

@@ -71,18 +71,6 @@ impl RecordedCamera {
         Ok(camera)
     }
 
-    /// The topic whose images are played.
-    #[must_use]
-    pub fn topic(&self) -> &str {
-        &self.topic
-    }
-
-    /// How many images could not be used, and were left out.
-    #[must_use]
-    pub fn left_out(&self) -> usize {
-        self.left_out
-    }
-
     /// The next good image; `None` at the end.
     fn next_image(&mut self) -> Result<Option<Vec<u8>>, SourceError> {
         loop {
@@ -370,7 +358,7 @@ mod tests {
         ] {
             let file = recorded(&[("/image_raw", kind, bytes)]);
             let mut camera = RecordedCamera::open(file.path(), &wanted(None)).unwrap();
-            assert_eq!(camera.topic(), "/image_raw");
+            assert_eq!(camera.topic, "/image_raw");
             assert_eq!(played(&mut camera, 1), [(grey.to_vec(), Position::Last)]);
         }
     }
@@ -409,7 +397,7 @@ mod tests {
         ]);
         let mut camera = RecordedCamera::open(file.path(), &wanted(None)).unwrap();
         let levels: Vec<_> = played(&mut camera, 2).iter().map(|(pixels, _)| pixels[0]).collect();
-        assert_eq!((levels, camera.left_out()), (vec![1, 3], 2));
+        assert_eq!((levels, camera.left_out), (vec![1, 3], 2));
         let strict = RecordedTopic { strict: true, ..wanted(None) };
         let mut camera = RecordedCamera::open(file.path(), &strict).unwrap();
         assert!(camera.expose(&EXPOSURE, &mut [0; 8]).is_err());

@@ -11,7 +11,7 @@ use vservo::control::lifecycle::{Refusal, Request};
 use vservo::control::outcome::Outcome;
 use vservo::control::safety::Fault;
 use vservo::linalg::Random;
-use vservo::messages::{CommandForm, ControlCommand};
+use vservo::messages::{CommandForm, ControlCommand, ControlState};
 use vservo::robot::{Mount, Robot};
 use vservo::sim::{Moment, SystemRun, simulate_system};
 use vservo::time::MonoNs;
@@ -244,9 +244,9 @@ fn a_start_beyond_a_plane_is_refused_with_its_distance() {
     );
 }
 
-/// An arm that starts elsewhere, beyond a plane, is a fault before it moves, and is sent no farther out.
+/// An arm that starts elsewhere, beyond a plane, is a fault before it moves; `goto` leads it back, and not farther out.
 #[test]
-fn an_arm_beyond_a_plane_does_not_servo_nor_go_farther() {
+fn an_arm_beyond_a_plane_is_led_back_by_goto_alone() {
     let (set, _) = table(0.15);
     let config = config(
         "ur5.toml",
@@ -298,4 +298,9 @@ fn an_arm_beyond_a_plane_does_not_servo_nor_go_farther() {
     let farther = goto(q_start + offset * 1.1);
     assert_eq!(control.ask(1, Request::Goto, &farther), Err(Refusal::OutOfWorkspace));
     assert!(height() > before - 1e-3);
+    control.ask(2, Request::Goto, &goto(q_start)).unwrap();
+    assert_eq!(run(&mut control, 8000), []);
+    assert!(height() > 0.01 && control.state() == ControlState::Held, "{} {:?}", height(), control.state());
+    // Down again, through the table, is refused.
+    assert_eq!(control.ask(3, Request::Goto, &farther), Err(Refusal::OutOfWorkspace));
 }

@@ -7,7 +7,7 @@
 //! ```
 //! The first stage makes the motion smooth: the joint velocity nearest to what was requested with `g_k . qd >= -v_max(d_k)` for every limit `k` at the
 //! distance `d_k` whose rates are `g_k`, where `v_max(d)` is the speed from which the arm can brake over the distance d. The second stage
-//! is to keep the limit: the reference takes a step only if its braking, which can always be continued, stays inside where it is looked at (the tests say how far beyond that it comes). All of it acts on the
+//! is to keep the limit: the reference takes a step only if its braking, which can always be continued, stays inside where it is looked at. All of it acts on the
 //! reference, so that it acts on whatever moves the arm. The first stage leads the motion at a margin from planes and other parts, the second is to keep the reference
 //! at half of it: joints that brake each as fast as it can leave the way along a plane a little. The arm itself needs the other half to follow.
 

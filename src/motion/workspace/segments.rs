@@ -2,9 +2,9 @@
 
 use nalgebra::Vector3;
 
-/// Squared length below which a line is a point, m^2, and the share of two squared lengths below which they are parallel. Chosen by hand: lengths of 1e-8 m, and an angle
-/// of 1e-6 rad; far above rounding, and far below what makes a difference of a tenth of a millimetre.
+/// Squared length below which a line is a point, m^2. Chosen by hand: a length of 1e-8 m, far above rounding.
 const POINT_M2: f64 = 1e-16;
+/// Share of the product of two squared lengths below which lines are parallel. Chosen by hand: an angle of 1e-6 rad, far below what makes a difference of a tenth of a millimetre.
 const PARALLEL: f64 = 1e-12;
 
 /// The shares of `a` and of `b`, each given by its ends, at which they are nearest to each other: 0 is the first end, 1 the second.

@@ -42,8 +42,8 @@ impl<const N: usize> Workspace<N> {
             return true;
         }
         let looks = (way_m / LOOK_EVERY_M).ceil().clamp(1.0, MOST_LOOKS) as u32;
-        // Where it ends is what it mostly fails by.
-        (1..=looks).rev().all(|look| {
+        // Where it ends is what it mostly fails by. The step itself is looked at too: what has come too near would sink on with a motion along the limit, tick by tick.
+        (0..=looks).rev().all(|look| {
             // Of a constant deceleration these are equal ways.
             let t_s = braking_s * (1.0 - (1.0 - f64::from(look) / f64::from(looks)).sqrt());
             let q = SVector::from_fn(|i, _| braked(next[i], &limits.bounds(i), t_s).q);

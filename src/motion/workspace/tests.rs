@@ -130,7 +130,7 @@ proptest! {
         rates_are_derivatives::<4>("scara", seed)?;
     }
 
-    /// Camera and flange are no faster than they may be, whatever is requested; for moments by 12 %, where requests jump between the full speeds of all joints.
+    /// Camera and flange are no faster than they may be, whatever is requested; for moments by 15 %, where requests jump between the full speeds of all joints.
     #[test]
     fn the_reference_keeps_its_speeds_in_space(seed in 0u64..1 << 40) {
         let robot = load("ur5").unwrap().build::<6>().unwrap();
@@ -147,29 +147,26 @@ proptest! {
                 let at = |q: &SVector<f64, 6>| robot.forward(q) * nalgebra::Point3::from(p_E);
                 let speed = (at(&after) - at(&q)).norm() * 1e3;
                 let turn = robot.forward(&q).rotation.angle_to(&robot.forward(&after).rotation) * 1e3;
-                prop_assert!(speed < 0.3 * 1.12 && turn < 0.8 * 1.12, "{speed} m/s {turn} rad/s");
+                prop_assert!(speed < 0.3 * 1.15 && turn < 0.8 * 1.15, "{speed} m/s {turn} rad/s");
             }
         }
     }
 }
 
-/// Steps are to be held at half of the margin of 10 mm. Measured with commands that jump between full speeds: 9.6, 13.4 and 13.2 mm of UR5, Panda and xArm7, 33 mm of a SCARA with 5 rad/s,
-/// which is beyond the plane; why is not known. The gate makes a fault of it.
+/// Steps are held at half of the margin of 10 mm; of the braking from them no more is seen than where it is looked at. Measured: 6.3, 6.6, 5.9 and 6.8 mm of UR5, Panda, xArm7 and a
+/// SCARA with 5 rad/s, with commands that jump between full speeds.
 #[test]
-fn how_far_references_come_into_the_margin_is_bounded() {
-    let mut worst = [f64::INFINITY; 4];
+fn references_come_no_farther_than_into_the_margin() {
     for seed in 0..40 {
-        let rooms = [
-            least_room::<6>("ur5", seed),
-            least_room::<7>("panda", seed),
-            least_room::<7>("xarm7", seed),
-            least_room::<4>("scara", seed),
-        ];
-        worst.iter_mut().zip(rooms).for_each(|(worst, room)| *worst = worst.min(room));
+        for (name, room) in [
+            ("ur5", least_room::<6>("ur5", seed)),
+            ("panda", least_room::<7>("panda", seed)),
+            ("xarm7", least_room::<7>("xarm7", seed)),
+            ("scara", least_room::<4>("scara", seed)),
+        ] {
+            assert!(room > -8e-3, "{name} {seed}: {room}");
+        }
     }
-    let most = [0.015, 0.015, 0.015, 0.036];
-    let holds = worst.iter().zip(most).all(|(room, most)| *room > -most);
-    assert!(holds, "UR5, Panda, xArm7, SCARA: {worst:?}");
 }
 
 /// A camera that is asked to go down before a table moves along it, and does not turn.
