@@ -256,7 +256,7 @@ impl Client {
         let core = self.core.clone().interrupted_by(interrupted.clone());
         let exception: Mutex<Option<PyErr>> = Mutex::new(None);
         let end = beside(py, &interrupted, || {
-            let program = Program::load(&program)?;
+            let program = Program::load(&program, core.named_places())?;
             core.run_program(&program, &mut |line| {
                 let Some(tell) = &tell else { return };
                 // An exception of it ends the program, and comes out below.

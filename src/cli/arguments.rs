@@ -9,9 +9,9 @@ use super::place_arguments::{PlaceArguments, ViewArguments};
 use super::tool_arguments::{PoseArguments, ProcessArguments, StereoCommand};
 use super::{
     benchmark::BenchmarkArguments, completion, ctl_arguments::CtlArguments, drive::DriveQuestion,
-    emulate::EmulateCommand, export::ExportArguments, faults::FaultsArguments, monitor::MonitorArguments,
-    record::RecordArguments, replay::ReplayArguments, target::TargetArguments, tune::TuneArguments,
-    watch::WatchArguments,
+    emulate::EmulateCommand, export::ExportArguments, faults::FaultsArguments, man::ManArguments,
+    monitor::MonitorArguments, record::RecordArguments, replay::ReplayArguments, target::TargetArguments,
+    tune::TuneArguments, watch::WatchArguments,
 };
 use crate::camera_model::Response;
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -181,11 +181,9 @@ pub enum Command {
         command: Vec<String>,
     },
     /// Print a completion script for a shell
-    Completions {
-        /// Shell
-        #[arg(value_parser = completion::SHELLS)]
-        shell: String,
-    },
+    Completions(completion::CompletionArguments),
+    /// Write manual pages of all commands
+    Man(ManArguments),
 }
 
 /// What can be calibrated.

@@ -1,28 +1,43 @@
 //! What a shell is offered while a command is typed: commands and options by clap, and what only this program knows: run files that come
 //! with it, experiments, and the keys of a run file.
 
-use super::Cli;
+use super::{Cli, lost, shown};
 use crate::config::{SHIPPED_FILES, default_keys};
 use crate::experiment::EXPERIMENTS;
 use crate::pipeline::STEPS;
-use clap::CommandFactory;
+use crate::process::ProcessError;
+use clap::{Args, CommandFactory};
 use clap_complete::engine::{CompletionCandidate, PathCompleter, ValueCompleter};
 use clap_complete::env::{CompleteEnv, Shells};
 use std::ffi::OsStr;
+use std::path::Path;
 use toml::Value;
 
 /// Shells that are known.
-pub(super) const SHELLS: [&str; 5] = ["bash", "elvish", "fish", "powershell", "zsh"];
+const SHELLS: [&str; 5] = ["bash", "elvish", "fish", "powershell", "zsh"];
 /// The variable by which a shell's script asks this program for completions.
 const VARIABLE: &str = "COMPLETE";
+
+/// Arguments of `vservo completions`.
+#[derive(Debug, Args)]
+pub struct CompletionArguments {
+    /// Shell
+    #[arg(value_parser = SHELLS)]
+    shell: String,
+}
+
+/// Prints the script that makes a shell ask.
+pub(super) fn print_script(arguments: &CompletionArguments) -> Result<u8, ProcessError> {
+    Ok(script(&arguments.shell)
+        .map_or_else(|cause| lost(Path::new("stdout"), cause, 0), |script| shown(&script, 0)))
+}
 
 /// Answers a shell that asks, and ends the process; otherwise nothing happens.
 pub(super) fn answer() {
     CompleteEnv::with_factory(Cli::command).var(VARIABLE).complete();
 }
 
-/// The script that makes a shell ask.
-pub(super) fn script(shell: &str) -> std::io::Result<String> {
+fn script(shell: &str) -> std::io::Result<String> {
     let mut script = Vec::new();
     if let Some(completer) = Shells::builtins().completer(shell) {
         completer.write_registration(VARIABLE, "vservo", "vservo", "vservo", &mut script)?;
@@ -44,7 +59,7 @@ pub(super) fn run_file(current: &OsStr) -> Vec<CompletionCandidate> {
         candidate.get_value().as_encoded_bytes().starts_with(current.as_encoded_bytes())
     };
     let shipped = run_files().into_iter().filter(begun);
-    let toml = |path: &std::path::Path| path.is_dir() || path.extension().is_some_and(|e| e == "toml");
+    let toml = |path: &Path| path.is_dir() || path.extension().is_some_and(|e| e == "toml");
     shipped.chain(PathCompleter::any().filter(toml).complete(current)).collect()
 }
 

@@ -20,6 +20,7 @@ mod emulate;
 mod explain;
 mod export;
 mod faults;
+mod man;
 mod misspelt;
 mod monitor;
 mod place;
@@ -155,10 +156,8 @@ pub fn main() -> ExitCode {
         }
         Some(Command::Emulate { what }) => emulate::emulate(&what),
         Some(Command::Config { name, list }) => shipped_file::shipped_file(name.as_deref(), list),
-        Some(Command::Completions { shell }) => match completion::script(&shell) {
-            Ok(script) => Ok(shown(&script, 0)),
-            Err(cause) => Ok(lost(Path::new("stdout"), cause, 0)),
-        },
+        Some(Command::Completions(arguments)) => completion::print_script(&arguments),
+        Some(Command::Man(arguments)) => man::write_pages(&arguments),
     };
     exit_code(result)
 }

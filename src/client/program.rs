@@ -201,10 +201,8 @@ impl Runner<'_> {
     }
 
     fn servo(&mut self, goal: &ProgramGoal, for_s: f64, until: Option<MonoNs>) -> Result<(), StepEnd> {
-        match goal {
-            ProgramGoal::Present => {}
-            ProgramGoal::Taught(goal) => accepted(&self.client.goal(goal)?)?,
-            ProgramGoal::Pose(X_DO) => accepted(&self.client.goal_pose(X_DO)?)?,
+        if *goal != ProgramGoal::Present {
+            accepted(&self.client.goal_of_program(goal)?)?;
         }
         use ControlState::{Holding, Returning, Servoing, Waiting};
         let status = self.client.status()?;

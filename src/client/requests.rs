@@ -1,7 +1,7 @@
 //! Requests that carry numbers: goals, postures, small motions, settings.
 
 use super::{Client, RunAnswer, WaitFor};
-use crate::config::{GoalFeature, GoalFile, RawNamedGoal, RawPosture};
+use crate::config::{GoalFeature, GoalFile, NamedPlaces, ProgramGoal, RawNamedGoal, RawPosture};
 use crate::control::lifecycle::Request;
 use crate::geometry::Pose;
 use crate::input::nearest;
@@ -52,11 +52,35 @@ impl Client {
     /// As for [`Self::status`], and when the run file has none of this name.
     pub fn goal_named(&self, name: &str) -> Result<RunAnswer, ProcessError> {
         let raw: RawNamedGoal = self.named("goals", name)?;
-        match (&raw.taught, raw.pose()) {
-            (Some(goal), _) => self.goal(goal),
-            (None, Some(X_DO)) => self.goal_pose(&X_DO),
-            (None, None) => Err(ProcessError::NoCommand(format!("`{name}` of the run file is no goal"))),
+        match raw.checked() {
+            Some(goal) => self.goal_of_program(&goal),
+            None => Err(ProcessError::NoCommand(format!("`{name}` of the run file is no goal"))),
         }
+    }
+
+    /// Makes `goal` the goal; where it is the present one nothing changes.
+    pub(super) fn goal_of_program(&self, goal: &ProgramGoal) -> Result<RunAnswer, ProcessError> {
+        match goal {
+            ProgramGoal::Present => self.status(),
+            ProgramGoal::Taught(goal) => self.goal(goal),
+            ProgramGoal::Pose(X_DO) => self.goal_pose(X_DO),
+        }
+    }
+
+    /// The goals and postures that the run file has names for; none where control does not run.
+    #[must_use]
+    pub fn named_places(&self) -> NamedPlaces {
+        let mut places = NamedPlaces::default();
+        for (key, text) in self.instance().agreement_of(Role::Control).unwrap_or_default() {
+            if let Some(name) = key.strip_prefix("goals.") {
+                let goal = serde_json::from_str(&text).ok().and_then(RawNamedGoal::checked);
+                places.goals.insert(name.to_owned(), goal);
+            } else if let Some(name) = key.strip_prefix("postures.") {
+                let posture = serde_json::from_str(&text).ok().map(|posture: RawPosture| posture.q_rad_or_m);
+                places.postures.insert(name.to_owned(), posture);
+            }
+        }
+        places
     }
 
     /// Moves the arm to the posture that the run file has under `name` (`[postures.NAME]`), and holds it there.

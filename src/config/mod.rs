@@ -44,7 +44,7 @@ pub use frame_source::{CameraProgram, ReplayImages, Source, Timing};
 pub use goal_file::{GoalFeature, GoalFile, GoalPose};
 pub use named_goal::ProgramGoal;
 pub use problem::{ConfigError, Problem};
-pub use program::{Program, ProgramStep, StepAction};
+pub use program::{NamedPlaces, Program, ProgramStep, StepAction};
 pub use raw::{Clock, DriveKind, JointControl, RealtimePolicy, ResumePolicy, SchemeKind, SetPointKind, Task};
 pub use raw::{RawNamedGoal, RawPosture};
 pub use scene::Scene;

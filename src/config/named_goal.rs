@@ -50,10 +50,15 @@ impl RawNamedGoal {
         }
     }
 
-    /// The pose of the target in the camera, where it is one.
+    /// The goal, of a file that was checked; `None` where it is none.
     #[must_use]
-    pub fn pose(&self) -> Option<Pose> {
-        Some(pose(self.position_m?, self.rotation_rpy_rad.unwrap_or_default()))
+    pub fn checked(self) -> Option<ProgramGoal> {
+        let rotation = self.rotation_rpy_rad.unwrap_or_default();
+        match (self.taught, self.position_m) {
+            (Some(goal), _) => Some(ProgramGoal::Taught(goal)),
+            (None, Some(position_m)) => Some(ProgramGoal::Pose(pose(position_m, rotation))),
+            (None, None) => None,
+        }
     }
 
     /// The goal; `None` where it is not there or wrong, which was told.

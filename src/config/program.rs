@@ -85,36 +85,35 @@ pub enum StepAction {
 }
 
 impl Program {
-    /// Reads a file.
+    /// Reads a file for a run whose file has the goals and postures `of_run`; those of the program itself go first.
     ///
     /// # Errors
     /// All that is wrong with it, each with line and key.
-    pub fn load(path: &Path) -> Result<Self, ConfigError> {
+    pub fn load(path: &Path, of_run: NamedPlaces) -> Result<Self, ConfigError> {
         let name = path.display().to_string();
         let text = file::read(path, file::MAX_TOML).map_err(|e| {
             ConfigError::new(vec![Problem::of_file(&name, format!("cannot be read: {e}"))], 0)
         })?;
-        Self::parse(&name, &text, path.parent().unwrap_or(Path::new("")))
+        Self::parse(&name, &text, path.parent().unwrap_or(Path::new("")), of_run)
     }
 
     /// Parses the text of a file whose paths are relative to `folder`.
     ///
     /// # Errors
     /// As for [`Self::load`].
-    pub fn parse(name: &str, text: &str, folder: &Path) -> Result<Self, ConfigError> {
+    pub fn parse(name: &str, text: &str, folder: &Path, of_run: NamedPlaces) -> Result<Self, ConfigError> {
         let mut document = Document::parse(name, text)?;
         let mut problems = Vec::new();
         let (raw, more): (RawProgram, _) = tables::read(&mut document, &mut problems);
         let mut reader = ProgramReader { document: &document, folder, problems };
-        let goals =
-            raw.goals.iter().filter_map(|(name, goal)| Some((name.clone(), reader.goal(name, goal)?)));
-        let goals: BTreeMap<_, _> = goals.collect();
-        let postures = raw
-            .postures
-            .iter()
-            .filter_map(|(name, posture)| Some((name.clone(), reader.posture(name, posture)?)));
-        let postures: BTreeMap<_, _> = postures.collect();
-        let names = Names { goals, postures, raw: &raw };
+        let NamedPlaces { mut goals, mut postures } = of_run;
+        for (name, goal) in &raw.goals {
+            goals.insert(name.clone(), reader.goal(name, goal));
+        }
+        for (name, posture) in &raw.postures {
+            postures.insert(name.clone(), reader.posture(name, posture));
+        }
+        let names = NamedPlaces { goals, postures };
         // Steps of which one is wrong are set aside, which was reported.
         if raw.steps.is_empty() && document.get("steps").is_none() && reader.problems.is_empty() {
             reader.wrong("steps", "a program needs a step: [[steps]]".into());
@@ -142,10 +141,13 @@ impl Program {
     }
 }
 
-struct Names<'a> {
-    goals: BTreeMap<String, ProgramGoal>,
-    postures: BTreeMap<String, Vec<f64>>,
-    raw: &'a RawProgram,
+/// Goals, and joint positions (rad or m), by their names; `None` what is written, but wrong.
+#[derive(Debug, Clone, Default)]
+pub struct NamedPlaces {
+    /// `[goals.NAME]`
+    pub goals: BTreeMap<String, Option<ProgramGoal>>,
+    /// `[postures.NAME]`
+    pub postures: BTreeMap<String, Option<Vec<f64>>>,
 }
 
 struct ProgramReader<'a> {
@@ -181,12 +183,12 @@ impl ProgramReader<'_> {
         raw.posture(&key, &mut check::Validation::new(self.document, &mut self.problems))
     }
 
-    fn steps(&mut self, key: &str, raw: &[RawStep], names: &Names<'_>, depth: usize) -> Vec<ProgramStep> {
+    fn steps(&mut self, key: &str, raw: &[RawStep], names: &NamedPlaces, depth: usize) -> Vec<ProgramStep> {
         let steps = raw.iter().enumerate();
         steps.filter_map(|(i, raw)| self.step(format!("{key}[{i}]"), raw, names, depth)).collect()
     }
 
-    fn step(&mut self, key: String, raw: &RawStep, names: &Names<'_>, depth: usize) -> Option<ProgramStep> {
+    fn step(&mut self, key: String, raw: &RawStep, names: &NamedPlaces, depth: usize) -> Option<ProgramStep> {
         let is_written = [
             ("goto", raw.goto.is_some()),
             ("servo", raw.servo.is_some()),
@@ -217,7 +219,7 @@ impl ProgramReader<'_> {
         let action = match word {
             "goto" => {
                 let name = raw.goto.clone()?;
-                let q = self.named(&at, &name, &names.postures, names.raw.postures.keys(), "postures")?;
+                let q = self.named(&at, &name, &names.postures, "postures")?;
                 StepAction::Goto(name, q)
             }
             "servo" => {
@@ -226,7 +228,7 @@ impl ProgramReader<'_> {
                 let goal = if name == "present" {
                     ProgramGoal::Present
                 } else {
-                    self.named(&at, &name, &names.goals, names.raw.goals.keys(), "goals")?
+                    self.named(&at, &name, &names.goals, "goals")?
                 };
                 StepAction::Servo(name, goal, for_s)
             }
@@ -267,21 +269,21 @@ impl ProgramReader<'_> {
         Some(ProgramStep { key, action, timeout_s })
     }
 
-    /// What `name` names among `found`; of one that is written, but wrong, that was reported.
-    fn named<'n, T: Clone>(
+    /// What `name` names among `places`; of one that is wrong, that was reported.
+    fn named<T: Clone>(
         &mut self,
         key: &str,
         name: &str,
-        found: &BTreeMap<String, T>,
-        mut written: impl Iterator<Item = &'n String> + Clone,
+        places: &BTreeMap<String, Option<T>>,
         table: &str,
     ) -> Option<T> {
-        if !written.clone().any(|other| other == name) {
-            let meant = nearest(name, written.by_ref().map(String::as_str));
-            let meant = meant.map_or(String::new(), |meant| format!("; did you mean `{meant}`?"));
-            self.wrong(key, format!("`{name}` is not in [{table}]{meant}"));
+        if let Some(place) = places.get(name) {
+            return place.clone();
         }
-        found.get(name).cloned()
+        let meant = nearest(name, places.keys().map(String::as_str));
+        let meant = meant.map_or(String::new(), |meant| format!("; did you mean `{meant}`?"));
+        self.wrong(key, format!("`{name}` is not in [{table}] of this file or of the run file{meant}"));
+        None
     }
 
     /// Why a command cannot be run: its program is not there.
@@ -306,7 +308,7 @@ mod tests {
     use super::*;
 
     fn parse(text: &str) -> Result<Program, String> {
-        Program::parse("p.toml", text, Path::new(".")).map_err(|e| e.to_string())
+        Program::parse("p.toml", text, Path::new("."), NamedPlaces::default()).map_err(|e| e.to_string())
     }
 
     #[test]
@@ -338,7 +340,7 @@ mod tests {
         for line in [
             "p.toml:1:11: postures.home: needs either q_rad_or_m or file",
             "p.toml:4:21: goals.pick.position_m[2]: 500 is out of range",
-            "p.toml:6:1: steps[0].goto: `hom` is not in [postures]; did you mean `home`?",
+            "p.toml:6:1: steps[0].goto: `hom` is not in [postures] of this file or of the run file; did you mean `home`?",
             "p.toml:9:1: steps[1].timeout_s: 0 is out of range",
             "p.toml:12:1: steps[2].for_s: goes with servo, not with wait_s",
             "p.toml:14:1: steps[3].call: there is no program `no-such-program-anywhere`",

@@ -99,6 +99,47 @@ fn a_shell_is_offered_run_files_experiments_and_keys() {
     }
 }
 
+/// Each command that `--help` shows has a page, and what a package takes from this clone is there.
+#[test]
+fn a_package_has_its_pages_unit_and_user() {
+    let folder = tempfile::tempdir().unwrap();
+    let pages = folder.path().join("share/man1");
+    let written = in_folder(folder.path(), &["man", "--out", pages.to_str().unwrap()], &[]);
+    assert!(written.status.success(), "{}", text(&written));
+    let page = |name: &str| std::fs::read_to_string(pages.join(format!("{name}.1"))).expect(name);
+    let help = text(&in_folder(folder.path(), &["--help"], &[]));
+    let commands = help.lines().skip_while(|line| *line != "Commands:").skip(1);
+    let commands: Vec<&str> = commands
+        .take_while(|line| !line.is_empty())
+        .filter_map(|line| line.split_whitespace().next())
+        .collect();
+    assert!(commands.len() > 20, "{help}");
+    for command in commands.iter().filter(|command| **command != "help") {
+        assert!(page(&format!("vservo-{command}")).contains("SYNOPSIS"), "{command}");
+    }
+    assert!(page("vservo-run").contains("clock") && page("vservo").contains("Visual servoing"));
+    let hidden = std::fs::read_dir(&pages).unwrap().any(|page| {
+        let name = page.unwrap().file_name();
+        name.to_string_lossy().contains("guard")
+    });
+    assert!(!hidden, "commands for the supervisor alone have no page");
+
+    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
+    let manifest: toml::Value =
+        std::fs::read_to_string(root.join("Cargo.toml")).unwrap().parse::<toml::Table>().unwrap().into();
+    let package = &manifest["package"]["metadata"]["deb"];
+    for asset in package["assets"].as_array().unwrap() {
+        let source = asset[0].as_str().unwrap();
+        let is_built = source.starts_with("target/");
+        let fixed = source.split('*').next().unwrap();
+        assert!(is_built || root.join(fixed).exists(), "{source}");
+    }
+    let unit = std::fs::read_to_string(root.join("contrib/vservo@.service")).unwrap();
+    for man in unit.split("man:").skip(1) {
+        page(man.split('(').next().unwrap());
+    }
+}
+
 #[test]
 fn a_log_for_programs_is_objects_with_times() {
     let folder = tempfile::tempdir().unwrap();

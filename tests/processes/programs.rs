@@ -96,6 +96,37 @@ fn what_is_wrong_is_told_before_anything_moves() {
     assert_eq!(daemon.ended().0, Some(0));
 }
 
+/// Goals and postures of the run file serve programs too; a program's own of the same name goes first.
+#[test]
+fn programs_know_the_names_of_the_run_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let daemon = Daemon::start(
+        "do-names",
+        &[
+            "--clock",
+            "lockstep",
+            "--set",
+            "goals.pick={position_m=[-0.1,0.1,0.6],rotation_rpy_deg=[0,0,-60]}",
+            "--set",
+            "postures.home={q_rad_or_m=[0.1,1.5,0.45,-0.7]}",
+            "--set",
+            "postures.away={q_rad_or_m=[0.2,1.4,0.45,-0.7]}",
+        ],
+    );
+    let own = "[postures.away]\nq_rad_or_m = [0.15, 1.45, 0.45, -0.7]\n\
+               [[steps]]\ngoto = \"home\"\n[[steps]]\nservo = \"pick\"\n[[steps]]\ngoto = \"away\"\n";
+    let (code, _, told) = done(&daemon, &written(&folder, own));
+    assert_eq!(code, Some(0), "{told}");
+    let (_, status, _) = daemon.ctl("status");
+    let q: Vec<f64> = status["q_rad_or_m"].as_array().unwrap().iter().map(|q| q.as_f64().unwrap()).collect();
+    assert!(q.iter().zip([0.15, 1.45, 0.45, -0.7]).all(|(q, away)| (q - away).abs() < 1e-3), "{q:?}");
+    let (code, _, told) = done(&daemon, &written(&folder, "[[steps]]\ngoto = \"hom\"\n"));
+    assert_eq!(code, Some(3), "{told}");
+    assert!(told.contains("did you mean `home`?"), "{told}");
+    daemon.accepts("shutdown");
+    assert_eq!(daemon.ended().0, Some(0));
+}
+
 #[test]
 fn a_program_ends_where_a_step_fails_or_somebody_stops_it() {
     let folder = tempfile::tempdir().unwrap();
