@@ -95,13 +95,20 @@ pub(super) fn breach(s: JointMotionState, b: &Bounds, q_now: f64) -> Option<Brea
     let J = b.jerk;
     let side = s.v + s.a * s.a.abs() / (2.0 * J);
     let sign = if side < 0.0 { -1.0 } else { 1.0 };
-    let (v, a) = (s.v * sign, s.a * sign);
-    let peak = if a > 0.0 { v + a * a / (2.0 * J) } else { v };
-    if !(s.v.abs().max(peak.abs()) <= b.velocity * (1.0 + SLACK)) {
+    if !(peak_speed(s, b) <= b.velocity * (1.0 + SLACK)) {
         return Some(Breach::Velocity);
     }
     let (least, most) = extent_along(s, b, sign);
     (!(least >= lower && most <= upper)).then_some(Breach::Position)
+}
+
+/// The largest speed on the way to rest.
+pub(super) fn peak_speed(s: JointMotionState, b: &Bounds) -> f64 {
+    let side = s.v + s.a * s.a.abs() / (2.0 * b.jerk);
+    let sign = if side < 0.0 { -1.0 } else { 1.0 };
+    let (v, a) = (s.v * sign, s.a * sign);
+    let peak = if a > 0.0 { v + a * a / (2.0 * b.jerk) } else { v };
+    s.v.abs().max(peak.abs())
 }
 
 /// The lowest and the highest position on the way to rest.

@@ -35,5 +35,6 @@ pub use reference::{Reference, ReferenceState};
 pub use singularity::damp_singularity;
 pub use time_optimal::min_time_s;
 pub use workspace::{
-    ArmPlaces, CheckedPoint, Clearance, HalfSpace, SpaceLimit, Workspace, WorkspaceSettings, checked_points,
+    ArmPlaces, Capsule, CheckedPoint, Clearance, HalfSpace, SpaceLimit, Workspace, WorkspaceSettings,
+    checked_pairs, checked_points,
 };

@@ -1,11 +1,11 @@
-//! The last word on limits in space: whether any point of the arm that is checked is beyond a plane, as commanded and as measured, and how fast camera and flange are.
+//! The last word on limits in space: whether any point of the arm that is checked is beyond a plane, or a part in another, as commanded and as measured, and how fast camera and flange are.
 //!
 //! It shares with the limits that it checks ([`Workspace`](crate::motion::Workspace)) what they are and the arm's kinematics, and no other arithmetic: it takes no
-//! derivatives, and its speeds are differences of places. The reference keeps the margin of the limits, so that this bound, at the planes
-//! themselves, does not act on an arm that follows. Parts before each other are not checked here.
+//! derivatives, its speeds are differences of places, and where two parts are nearest it finds by going from one to the other. The reference keeps the margin of the limits, so that this bound, at the planes
+//! and surfaces themselves, does not act on an arm that follows.
 
 use crate::control::safety::Fault;
-use crate::motion::{ArmPlaces, CheckedPoint, WorkspaceSettings, checked_points};
+use crate::motion::{ArmPlaces, Capsule, CheckedPoint, WorkspaceSettings, checked_pairs, checked_points};
 use crate::robot::Robot;
 use crate::time::TICK;
 use nalgebra::{SVector, Vector3};
@@ -19,12 +19,17 @@ const TOO_FAST: f64 = 1.1;
 /// How much farther beyond a plane than at its begin a motion may lead that begins beyond it, m. Chosen by hand: what an arm that begins to move wavers by.
 const FARTHER_M: f64 = 2e-3;
 
+/// How often it goes from the nearest point of one part to that of another. Chosen by hand: at right angles once is enough; lines that are nearly parallel it leaves too far apart by what the
+/// way between two rounds is, so that it is never stricter than the limit.
+const ROUNDS: u32 = 8;
+
 /// The bound of one arm.
 #[derive(Debug, Clone)]
 pub struct SpaceBound<const N: usize> {
     robot: Robot<N>,
     settings: WorkspaceSettings,
     points: Vec<CheckedPoint>,
+    pairs: Vec<(Capsule, Capsule)>,
     /// How far beyond the planes the arm may be, m: as far as where its motion began.
     allowed_m: f64,
     beyond: u32,
@@ -37,8 +42,17 @@ impl<const N: usize> SpaceBound<N> {
     /// The bound `settings` on the arm `robot`.
     #[must_use]
     pub fn new(robot: Robot<N>, settings: &WorkspaceSettings) -> Self {
-        let points = checked_points(&robot, settings);
-        Self { robot, settings: settings.clone(), points, allowed_m: 0.0, beyond: 0, fast: 0, last: None }
+        let (points, pairs) = (checked_points(&robot, settings), checked_pairs(&robot, settings));
+        Self {
+            robot,
+            settings: settings.clone(),
+            points,
+            pairs,
+            allowed_m: 0.0,
+            beyond: 0,
+            fast: 0,
+            last: None,
+        }
     }
 
     /// A motion begins at the measured `q`, rad or m. Whether nothing is beyond a plane there; otherwise it may lead back, and not farther out.
@@ -71,9 +85,9 @@ impl<const N: usize> SpaceBound<N> {
         }
     }
 
-    /// How far the farthest point is beyond a plane, m; not positive where none is.
+    /// How far the farthest point is beyond a plane, or the deepest part in another, m; not positive where none is.
     fn beyond_m(&self, q: &SVector<f64, N>) -> f64 {
-        if self.points.is_empty() {
+        if self.points.is_empty() && self.pairs.is_empty() {
             return 0.0;
         }
         let places = ArmPlaces::of(&self.robot, &self.settings, q);
@@ -83,6 +97,9 @@ impl<const N: usize> SpaceBound<N> {
             for side in &self.settings.sides {
                 farthest = farthest.max(point.radius_m + side.offset_m - side.normal.dot(&p));
             }
+        }
+        for (a, b) in &self.pairs {
+            farthest = farthest.max(a.radius_m + b.radius_m - apart_m(a.ends(&places), b.ends(&places)));
         }
         farthest
     }
@@ -105,9 +122,30 @@ impl<const N: usize> SpaceBound<N> {
     }
 }
 
+/// How far two lines with these ends are apart, m; never less than they are.
+fn apart_m(a: [Vector3<f64>; 2], b: [Vector3<f64>; 2]) -> f64 {
+    let mut apart_m = f64::INFINITY;
+    for start in b {
+        let mut on_b = start;
+        for _ in 0..ROUNDS {
+            on_b = nearest_on(b, &nearest_on(a, &on_b));
+        }
+        apart_m = apart_m.min((nearest_on(a, &on_b) - on_b).norm());
+    }
+    apart_m
+}
+
+/// The point of the line with these ends that is nearest to `p`.
+fn nearest_on([from, to]: [Vector3<f64>; 2], p: &Vector3<f64>) -> Vector3<f64> {
+    let along = to - from;
+    let share = (p - from).dot(&along) / along.norm_squared();
+    if share.is_finite() { from + along * share.clamp(0.0, 1.0) } else { from }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::linalg::Random;
     use crate::motion::HalfSpace;
     use crate::robot::load;
     use nalgebra::Vector4;
@@ -182,6 +220,24 @@ mod tests {
                 bound.watch(&q, &q, true)
             });
             assert_eq!(faults.last() == Some(Fault::TooFastInSpace), is_fault, "{times}");
+        }
+    }
+
+    /// Against all places of both lines.
+    #[test]
+    fn lines_are_as_far_apart_as_their_nearest_points() {
+        let mut random = Random::new(3);
+        for _ in 0..300 {
+            let mut point = || Vector3::from_fn(|_, _| random.between(-0.5, 0.5));
+            let (a, b) = ([point(), point()], [point(), point()]);
+            let shares = || (0..=200).map(|k| f64::from(k) / 200.0);
+            let apart = |s: f64, t: f64| (a[0].lerp(&a[1], s) - b[0].lerp(&b[1], t)).norm();
+            let least = shares()
+                .flat_map(|s| shares().map(move |t| (s, t)))
+                .map(|(s, t)| apart(s, t))
+                .fold(f64::INFINITY, f64::min);
+            let found = apart_m(a, b);
+            assert!(found > least - 0.01 && found < least + 0.01, "{found} {least}");
         }
     }
 }

@@ -211,7 +211,7 @@ impl Fault {
                  the frame of the mount (z along the optical axis, x to the right of the image, y down), or find it with `vservo calibrate hand-eye`"
             }
             Self::LeavesWorkspace => {
-                "a part of the arm is beyond a plane or box of [workspace]: lead it back by `vservo ctl goto` or `jog` after a reset, or correct the plane; \
+                "a part of the arm is beyond a plane or box of [workspace], or in another part: lead it back by `vservo ctl goto` or `jog` after a reset, or correct the plane; \
                  an arm that passed it in motion follows worse than workspace.margin_m allows"
             }
             Self::TooFastInSpace => {

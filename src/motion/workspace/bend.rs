@@ -11,7 +11,7 @@ use super::{SpaceLimit, Workspace};
 use crate::linalg::Ldlt;
 use crate::motion::braking::{Bounds, JointMotionState, braking_speed};
 use crate::motion::motion_limits::MotionLimits;
-use nalgebra::{SMatrix, SVector, Vector3};
+use nalgebra::{SMatrix, SVector};
 
 /// Most limits that are kept off at a time, the nearest. Chosen by hand: three parts of an arm before the three faces of a corner, and three pairs; what is left out is
 /// still kept by the second stage, without a smooth way along it.
@@ -35,7 +35,7 @@ const RETREAT_M_S: f64 = 0.01;
 /// Speed towards a limit above what it allows that is left to the second stage, m/s. Chosen by hand: rounding of the rounds, and a micrometre a second.
 const LEFT_M_S: f64 = 1e-6;
 /// Share of a speed limit that motion commands may use. Chosen by hand: the reference follows a command with a lag, and where commands jump between the full speeds of joints, or a joint
-/// stops at an end of its range while others go on, it is faster for moments: by up to 13 % above the limit in 300 draws of `the_reference_keeps_its_speeds_in_space`, with 0.87 as with 0.9.
+/// stops at an end of its range while others go on, it is faster than they are; steps are held at the limit itself (`stop.rs`), which is not smooth.
 const SPEED_SHARE: f64 = 0.87;
 /// Motion commands below this square, (rad/s or m/s)^2, have no pace. Chosen by hand: 1e-6 rad/s.
 const NO_MOTION: f64 = 1e-12;
@@ -74,17 +74,15 @@ impl<const N: usize> Workspace<N> {
     ) -> (SVector<f64, N>, bool) {
         (self.pace, self.held_by) = (1.0, None);
         let places = ArmPlaces::of(&self.robot, &self.settings, state.q);
-        self.note(&places);
+        self.note(&places, state.qd);
         let requested = requested_qd.norm_squared();
         if !(requested > NO_MOTION && requested.is_finite()) {
             return (*requested_qd, false);
         }
-        let tip = places.tip();
-        let J = places.skeleton.jacobian_at(&tip);
-        let mut qd = self.slowed(&J, &(places.flange() - tip), *requested_qd);
+        let mut qd = self.slowed(&places, *requested_qd);
         if !self.now.is_empty() {
-            qd = self.kept_off(state, &places, &J, limits, qd);
-            qd = self.slowed(&J, &(places.flange() - tip), qd);
+            qd = self.kept_off(state, &places, limits, qd);
+            qd = self.slowed(&places, qd);
         }
         self.pace = (qd.dot(requested_qd) / requested).clamp(0.0, 1.0);
         let acts = (qd - requested_qd).norm_squared() > ACTS * ACTS * requested;
@@ -94,22 +92,12 @@ impl<const N: usize> Workspace<N> {
         (qd, acts)
     }
 
-    /// All joints slowed down by the same factor, so that camera and flange, which is `beside` the tip of the Jacobian `J`, are no faster than they may be.
-    fn slowed(
-        &mut self,
-        J: &SMatrix<f64, 6, N>,
-        beside: &Vector3<f64>,
-        qd: SVector<f64, N>,
-    ) -> SVector<f64, N> {
-        let s = &self.settings;
-        let V = J * qd;
-        let (v, w) = (V.fixed_rows::<3>(0).into_owned(), V.fixed_rows::<3>(3).into_owned());
+    /// All joints slowed down by the same factor, so that camera and flange are no faster than they may be.
+    fn slowed(&mut self, places: &ArmPlaces<N>, qd: SVector<f64, N>) -> SVector<f64, N> {
+        let speeds = self.speeds(places, &qd);
+        let limits = [SpaceLimit::CameraSpeed, SpaceLimit::CameraTurn, SpaceLimit::FlangeSpeed];
         let mut share = 1.0_f64;
-        for (limit, speed, most) in [
-            (SpaceLimit::CameraSpeed, v.norm(), s.camera_speed_m_s),
-            (SpaceLimit::CameraTurn, w.norm(), s.camera_turn_rad_s),
-            (SpaceLimit::FlangeSpeed, (v + w.cross(beside)).norm(), s.flange_speed_m_s),
-        ] {
+        for ((limit, speed), most) in limits.into_iter().zip(speeds).zip(self.settings.speeds()) {
             if speed * share > SPEED_SHARE * most {
                 share = SPEED_SHARE * most / speed;
                 // What bends the way says more than what slows it down.
@@ -126,7 +114,6 @@ impl<const N: usize> Workspace<N> {
         &mut self,
         state: &ReferenceJoints<'_, N>,
         places: &ArmPlaces<N>,
-        J: &SMatrix<f64, 6, N>,
         limits: &MotionLimits<N>,
         mut qd: SVector<f64, N>,
     ) -> SVector<f64, N> {
@@ -151,7 +138,8 @@ impl<const N: usize> Workspace<N> {
             let far = |row: &Option<Row<N>>| row.as_ref().map_or(f64::INFINITY, |row| row.room);
             let place = rows.iter_mut().max_by(|a, b| far(a).total_cmp(&far(b)));
             let Some(place) = place.filter(|place| far(place) > room) else { continue };
-            let factors = metric.get_or_insert_with(|| metric_of(J));
+            let factors =
+                metric.get_or_insert_with(|| metric_of(&places.skeleton.jacobian_at(&places.tip())));
             let Some(factors) = factors else { return SVector::zeros() };
             let h = SVector::from(factors.solve(&g.into()));
             *place = row(k, (room, self.settings.margin_m), (g, h), state, limits);

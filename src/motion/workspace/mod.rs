@@ -7,7 +7,7 @@
 //! ```
 //! The first stage makes the motion smooth: the joint velocity nearest to what was requested with `g_k . qd >= -v_max(d_k)` for every limit `k` at the
 //! distance `d_k` whose rates are `g_k`, where `v_max(d)` is the speed from which the arm can brake over the distance d. The second stage
-//! is to keep the limit: the reference takes a step only if its braking, which can always be continued, stays inside where it is looked at. All of it acts on the
+//! is to keep the limit: the reference takes a step only if its braking, which can always be continued, stays inside, and as slow as is asked for, where it is looked at. All of it acts on the
 //! reference, so that it acts on whatever moves the arm. The first stage leads the motion at a margin from planes and other parts, the second is to keep the reference
 //! at half of it: joints that brake each as fast as it can leave the way along a plane a little. The arm itself needs the other half to follow.
 
@@ -18,12 +18,12 @@ mod settings;
 mod stop;
 
 pub(in crate::motion) use bend::ReferenceJoints;
-pub use parts::{ArmPlaces, CheckedPoint, checked_points};
+pub use parts::{ArmPlaces, Capsule, CheckedPoint, checked_pairs, checked_points};
 pub use settings::{HalfSpace, SpaceLimit, WorkspaceSettings};
 
 use crate::robot::Robot;
 use nalgebra::{SVector, Vector3};
-use parts::{Capsule, pairs, reach};
+use parts::reach;
 use segments::nearest_shares;
 use serde::Serialize;
 
@@ -40,6 +40,8 @@ pub struct Workspace<const N: usize> {
     now: Vec<f64>,
     /// The least of them.
     least: f64,
+    /// The speeds of this tick's reference, as [`WorkspaceSettings::speeds`].
+    speeds_now: [f64; 3],
     pace: f64,
     held_by: Option<SpaceLimit>,
 }
@@ -69,7 +71,7 @@ impl<const N: usize> Workspace<N> {
     /// The limits `settings` of the arm `robot`.
     #[must_use]
     pub fn new(robot: Robot<N>, settings: WorkspaceSettings) -> Self {
-        let (points, pairs) = (checked_points(&robot, &settings), pairs(&robot, &settings));
+        let (points, pairs) = (checked_points(&robot, &settings), checked_pairs(&robot, &settings));
         let count = points.len() * settings.sides.len() + pairs.len();
         Self {
             reach: reach(&robot, &settings),
@@ -79,6 +81,7 @@ impl<const N: usize> Workspace<N> {
             pairs,
             now: vec![f64::INFINITY; count],
             least: f64::INFINITY,
+            speeds_now: [0.0; 3],
             pace: 1.0,
             held_by: None,
         }
@@ -200,8 +203,16 @@ impl<const N: usize> Workspace<N> {
         })
     }
 
-    /// Takes in the distances at the reference of this tick.
-    fn note(&mut self, places: &ArmPlaces<N>) {
+    /// How fast camera and flange are where the joints go by `qd`, rad/s or m/s; as [`WorkspaceSettings::speeds`].
+    fn speeds(&self, places: &ArmPlaces<N>, qd: &SVector<f64, N>) -> [f64; 3] {
+        let V = places.skeleton.jacobian_at(&places.tip()) * qd;
+        let (v, w) = (V.fixed_rows::<3>(0).into_owned(), V.fixed_rows::<3>(3).into_owned());
+        [v.norm(), w.norm(), (v + w.cross(&(places.flange() - places.tip()))).norm()]
+    }
+
+    /// Takes in the distances and speeds of the reference of this tick, whose joints go by `qd`, rad/s or m/s.
+    fn note(&mut self, places: &ArmPlaces<N>, qd: &SVector<f64, N>) {
+        self.speeds_now = self.speeds(places, qd);
         self.least = f64::INFINITY;
         for k in 0..self.now.len() {
             let room = self.distance(k, places);

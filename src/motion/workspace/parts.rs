@@ -30,13 +30,14 @@ pub struct CheckedPoint {
     pub radius_m: f64,
 }
 
-/// A capsule of the arm.
+/// A capsule of the arm: a link, the camera or the tool.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Capsule {
+pub struct Capsule {
     from: usize,
     to: usize,
     pub(super) joints: usize,
-    pub(super) radius_m: f64,
+    /// Its radius, m.
+    pub radius_m: f64,
 }
 
 impl CheckedPoint {
@@ -54,7 +55,9 @@ impl CheckedPoint {
 }
 
 impl Capsule {
-    pub(super) fn ends<const N: usize>(&self, places: &ArmPlaces<N>) -> [Vector3<f64>; 2] {
+    /// The ends of its middle line in B, m.
+    #[must_use]
+    pub fn ends<const N: usize>(&self, places: &ArmPlaces<N>) -> [Vector3<f64>; 2] {
         [places.at(self.from), places.at(self.to)]
     }
 
@@ -167,7 +170,8 @@ fn moves<const N: usize>(robot: &Robot<N>, settings: &WorkspaceSettings, place: 
 }
 
 /// The pairs of capsules that may meet: those that so much of the arm lies between that they need not overlap.
-pub(super) fn pairs<const N: usize>(
+#[must_use]
+pub fn checked_pairs<const N: usize>(
     robot: &Robot<N>,
     settings: &WorkspaceSettings,
 ) -> Vec<(Capsule, Capsule)> {

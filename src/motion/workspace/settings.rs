@@ -87,6 +87,12 @@ impl SpaceLimit {
 }
 
 impl WorkspaceSettings {
+    /// The largest speed of the camera's centre (m/s), its rate of turning (rad/s), and the largest speed of the flange's centre (m/s), as [`SpaceLimit`] numbers them.
+    #[must_use]
+    pub fn speeds(&self) -> [f64; 3] {
+        [self.camera_speed_m_s, self.camera_turn_rad_s, self.flange_speed_m_s]
+    }
+
     /// What the limit with this [`SpaceLimit::number`] is called in a run file.
     #[must_use]
     pub fn name_of(&self, number: usize) -> String {

@@ -130,7 +130,7 @@ proptest! {
         rates_are_derivatives::<4>("scara", seed)?;
     }
 
-    /// Camera and flange are no faster than they may be, whatever is requested; for moments by 15 %, where requests jump between the full speeds of all joints.
+    /// Camera and flange are no faster than they may be, whatever is requested; for moments by 5 % (2.5 % in 400 draws), where requests jump between the full speeds of all joints.
     #[test]
     fn the_reference_keeps_its_speeds_in_space(seed in 0u64..1 << 40) {
         let robot = load("ur5").unwrap().build::<6>().unwrap();
@@ -147,7 +147,7 @@ proptest! {
                 let at = |q: &SVector<f64, 6>| robot.forward(q) * nalgebra::Point3::from(p_E);
                 let speed = (at(&after) - at(&q)).norm() * 1e3;
                 let turn = robot.forward(&q).rotation.angle_to(&robot.forward(&after).rotation) * 1e3;
-                prop_assert!(speed < 0.3 * 1.15 && turn < 0.8 * 1.15, "{speed} m/s {turn} rad/s");
+                prop_assert!(speed < 0.3 * 1.05 && turn < 0.8 * 1.05, "{speed} m/s {turn} rad/s");
             }
         }
     }
