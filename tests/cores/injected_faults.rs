@@ -7,6 +7,7 @@ use std::path::Path;
 use vservo::config::Config;
 use vservo::control::outcome::Outcome;
 use vservo::messages::JointState;
+use vservo::robot::JointKind;
 use vservo::sim::faults::{FAULT_CASES, FaultJob, FaultRun, jobs};
 use vservo::sim::{Moment, simulate_system};
 
@@ -77,6 +78,23 @@ fn states(set: &[&str], ticks: u64) -> (Vec<JointState>, Vec<Vec<u8>>) {
     (states, images)
 }
 
+/// The largest and the last speed of the true joints by their limits in a run of `arm` with `fault`, and its outcome.
+fn fastest(arm: &str, fault: &str) -> (f64, f64, Outcome) {
+    let config = Config::load(Some(Path::new(arm)), &named(&[fault, "run.clock=lockstep"])).unwrap();
+    let limits: Vec<f64> = config.robot.joints.iter().map(|joint| joint.limits.velocity).collect();
+    let (mut fastest, mut last) = (0.0_f64, 0.0_f64);
+    let run = simulate_system(&config, &mut |moment| {
+        if let Moment::Tick(trace, _) = moment {
+            let by_limit = |(qd, limit): (&f64, &f64)| qd.abs() / limit;
+            last = trace.joint_state.qd_true.iter().zip(&limits).map(by_limit).fold(0.0, f64::max);
+            fastest = fastest.max(last);
+        }
+        Continue(())
+    })
+    .unwrap();
+    (fastest, last, run.finish.outcome)
+}
+
 /// Joints and times that the campaign does not have, and an arm with a sliding joint. A joint that has hardly begun to move cannot be told from one that is blocked: it may swing
 /// once before something else is a fault. What is not seen drifts where friction does not hold it: 16 of 21 rest in the end.
 #[test]
@@ -89,26 +107,37 @@ fn an_encoder_that_freezes_drives_no_arm_away() {
             let fault = format!(
                 "faults=[{{kind=\"encoder_freeze\",from_s={from_s},duration_s=100.0,joint={joint}}}]"
             );
-            let config = Config::load(Some(Path::new(arm)), &named(&[&fault, "run.clock=lockstep"])).unwrap();
-            let limits: Vec<f64> = config.robot.joints.iter().map(|joint| joint.limits.velocity).collect();
-            let (mut fastest, mut last) = (0.0_f64, 0.0_f64);
-            let run = simulate_system(&config, &mut |moment| {
-                if let Moment::Tick(trace, _) = moment {
-                    let by_limit = |(qd, limit): (&f64, &f64)| qd.abs() / limit;
-                    last = trace.joint_state.qd_true.iter().zip(&limits).map(by_limit).fold(0.0, f64::max);
-                    fastest = fastest.max(last);
-                }
-                Continue(())
-            })
-            .unwrap();
+            let (fastest, last, outcome) = fastest(arm, &fault);
             assert!(fastest < 1.1, "{arm}, joint {joint}, {from_s} s: {fastest} times the speed limit");
             runs += 1;
-            told += u32::from(run.finish.outcome == Outcome::Fault);
+            told += u32::from(outcome == Outcome::Fault);
             at_rest += u32::from(last < 0.02);
         }
     }
     // Where the frozen joint has nothing more to do, the arm comes to its goal all the same.
     assert!(runs == 21 && told >= 15 && at_rest >= 16, "{runs} runs, {told} told, {at_rest} at rest");
+}
+
+/// A motor that does nothing from then on, in each joint that turns: the others take energy out of the arm and bring none in. What is left is what weight does: a joint about a
+/// vertical axis has none.
+#[test]
+fn a_dead_motor_is_not_made_up_for_by_the_others() {
+    for (arm, upright) in [("ur5", &[0_usize][..]), ("panda", &[0]), ("xarm7", &[0]), ("scara-b", &[0, 1, 3])]
+    {
+        let config = Config::load(Some(Path::new(arm)), &[]).unwrap();
+        for joint in (0..config.robot.joints.len()).filter(|joint| config.robot.joints[*joint].kind != JointKind::Prismatic) {
+            let fault = format!(
+                "faults=[{{kind=\"torque_loss\",share=1.0,from_s=0.5,duration_s=100.0,joint={joint}}}]"
+            );
+            let (fastest, _, outcome) = fastest(arm, &fault);
+            let most = if upright.contains(&joint) { 2.5 } else { 7.0 };
+            assert!(fastest < most, "{arm}, joint {joint}: {fastest} times the speed limit");
+            assert!(
+                matches!(outcome, Outcome::Fault | Outcome::Converged),
+                "{arm}, joint {joint}: {outcome:?}"
+            );
+        }
+    }
 }
 
 #[test]

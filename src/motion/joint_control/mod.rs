@@ -16,6 +16,7 @@
 //! with much friction is moved against its friction, not against its inertia. `B p + t` is the disturbance that
 //! the [observer](super::joint_observer) estimates. The model is evaluated at the posture in the middle of the step.
 
+mod damping;
 mod laden;
 mod law;
 mod operational_space;
@@ -26,10 +27,10 @@ mod torque;
 pub use law::{InverseDynamicsControl, JointLaw, PdGravityControl};
 pub use torque::JointTorque;
 
+use super::ReferenceState;
 use super::joint_observer::{Commanded, JointObserver, ObserverSettings};
 use super::payload_estimator::{JointTick, PayloadEstimator, WINDOW};
 use super::rotor_estimator::RotorEstimator;
-use super::{ActingLimits, ReferenceState};
 use crate::robot::Robot;
 use crate::servo::UnobservedMotion;
 use crate::time::{MonoNs, TICK};
@@ -60,6 +61,8 @@ pub struct JointController<const N: usize> {
     soft: bool,
     /// Whether the controller only damps motion.
     damps: bool,
+    /// Whether each joint is damped by itself.
+    by_joint: bool,
     /// Bounds the torque on joints that do not move.
     stall: StallGuard<N>,
     /// Estimates what the arm carries beyond its model.
@@ -97,6 +100,7 @@ impl<const N: usize> JointController<N> {
             requested_velocity: None,
             soft: false,
             damps: false,
+            by_joint: false,
             stall: StallGuard::default(),
             payload: None,
             rotors: None,
@@ -125,7 +129,7 @@ impl<const N: usize> JointController<N> {
     pub fn soften(&mut self, soft: bool) {
         if soft != self.soft {
             self.soft = soft;
-            self.damps = false;
+            (self.damps, self.by_joint) = (false, false);
             self.observer.settle(soft);
         }
     }
@@ -143,23 +147,11 @@ impl<const N: usize> JointController<N> {
         self.observer.learn_at(share);
     }
 
-    /// While soft: compensates gravity and damps motion, whatever the reference, or ends that. Inertia in
-    /// motion and friction of the model are left out, because a wrong model could drive the arm.
-    pub fn damp(&mut self, damps: bool) {
-        self.damps = damps && self.soft;
-    }
-
     /// While soft: goes on learning disturbances, as while it damps, or keeps them as they are.
     pub fn learn_in_fault(&mut self, learns: bool) {
         if self.soft {
             self.observer.pause(!(self.damps || learns));
         }
-    }
-
-    /// Whether motion is damped, whatever the reference.
-    #[must_use]
-    pub fn damps(&self) -> bool {
-        self.damps
     }
 
     /// Estimated position and velocity of the joints at this tick; called once a tick, before the torque.
@@ -355,20 +347,6 @@ impl<const N: usize> JointController<N> {
             self.applied = None;
         }
         JointTorque { stalled, ..torque }
-    }
-
-    /// Gravity, the estimated disturbance, and `-c B qd` or the damping of the PD law: whatever its inertia, the arm
-    /// loses energy.
-    fn damped(&mut self, robot: &Robot<N>, q: &SVector<f64, N>, qd: &SVector<f64, N>) -> JointTorque<N> {
-        let zero = SVector::zeros();
-        let (p, t) = self.observer.disturbance();
-        let rest = ReferenceState { q: *q, qd: zero, qdd: zero, a: zero, limits: ActingLimits::default() };
-        let feedback = self.law.feedback(&zero, &(-qd * SOFT_SHARE), &rest);
-        // The payload counts by its weight alone: motion is damped for the arm's own inertia, which is certain.
-        let payload = self.carrying(robot).gravity(q) - robot.gravity(q);
-        let wanted = robot.inverse_dynamics(q, &zero, &(feedback.u - p)) + feedback.torque + payload - t;
-        let unheld = Feedback { velocity: feedback.u * (0.5 * TICK.as_s()), ..feedback };
-        self.commanded(robot, q, &wanted, &wanted, &unheld, (zero, zero, zero))
     }
 
     /// Cuts the torque that is `given` of the one that is `wanted`, and notes what acts until the next tick, with the `friction` of the model,
