@@ -80,4 +80,16 @@ pub enum UrError {
     NotAtRest { seconds: f64 },
     #[error("the dashboard answers `{answer}` to `{command}`")]
     Dashboard { command: &'static str, answer: String },
+    #[error("{safety} once more after it was unlocked: find the cause; it is not unlocked again before somebody asks for that")]
+    StoppedAgain { safety: SafetyMode },
+    #[error("what was to bring the robot's program back has failed")]
+    RecoveryFailed,
+}
+
+impl UrError {
+    /// Whether the robot itself has stopped the arm or its program, and still says how it is: states go on, and it may come back.
+    #[must_use]
+    pub fn is_of_the_robot(&self) -> bool {
+        matches!(self, Self::StoppedInMotion { .. } | Self::PoweredDown { .. } | Self::ProgramEnded { .. })
+    }
 }
