@@ -142,9 +142,13 @@ impl RunAnswer {
     pub fn state_in_words(&self) -> String {
         match (self.fault, self.waits_for) {
             (None, _) => self.state.to_owned(),
-            (Some(fault), Some(waits_for)) => format!("{} ({fault}; the reset waits: {waits_for})", self.state),
+            (Some(fault), Some(waits_for)) => {
+                format!("{} ({fault}; the reset waits: {waits_for})", self.state)
+            }
             // Whoever says what to do at the robot says when to reset.
-            (Some(fault), None) if fault.contains("`vservo ctl reset`") => format!("{} ({fault})", self.state),
+            (Some(fault), None) if fault.contains("`vservo ctl reset`") => {
+                format!("{} ({fault})", self.state)
+            }
             (Some(fault), None) => {
                 format!("{} ({fault}; see to its cause, then `vservo ctl reset`)", self.state)
             }

@@ -225,7 +225,9 @@ impl Link<'_> {
     /// What the robot is beside its joints.
     fn robot_state(&self, s: &ArmState) -> RobotState {
         match (s.safety, s.mode) {
-            (SafetyMode::RobotEmergencyStop | SafetyMode::SystemEmergencyStop, _) => RobotState::EmergencyStop,
+            (SafetyMode::RobotEmergencyStop | SafetyMode::SystemEmergencyStop, _) => {
+                RobotState::EmergencyStop
+            }
             (
                 SafetyMode::ProtectiveStop
                 | SafetyMode::SafeguardStop

@@ -240,8 +240,8 @@ impl Arm {
         self.command(Command::Hold)?;
         let _stream = send_program(&self.settings, &self.program.text())?;
         let session = self.program.session;
-        let runs = self
-            .await_state(self.settings.patience, |s| s.holds_for(session) || !s.safety.lets_move())?;
+        let runs =
+            self.await_state(self.settings.patience, |s| s.holds_for(session) || !s.safety.lets_move())?;
         match runs {
             Some(s) if !s.safety.lets_move() => Err(UrError::Stopped { safety: s.safety }),
             Some(_) => {

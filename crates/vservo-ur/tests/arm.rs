@@ -5,8 +5,8 @@
 mod common;
 
 use common::{Q, assert_at_rest, clock, drive, robot, settings, started, wait_until};
-use vservo_ur::arm::Recovered;
 use std::time::Duration;
+use vservo_ur::arm::Recovered;
 use vservo_ur::emulator::Fault;
 use vservo_ur::{Arm, Command, RobotMode, RuntimeState, SafetyMode, Series, UrError};
 

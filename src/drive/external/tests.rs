@@ -131,7 +131,8 @@ fn the_robot_is_heard_and_asked_to_clear_its_error() {
     let wire = Wire::default();
     let mut d = drive(&wire);
     let hears = |d: &mut ExternalDrive<2>, ms: i64, robot_state: u32| {
-        let m = DriveStateMsg { stamp: at(ms), joints: 2, robot_state, robot_code: 703, ..Default::default() };
+        let m =
+            DriveStateMsg { stamp: at(ms), joints: 2, robot_state, robot_code: 703, ..Default::default() };
         wire.0.lock().unwrap().0.push_back(m);
         d.read(at(ms));
         d.health().robot

@@ -237,9 +237,8 @@ impl Commands {
         // The trace of that tick may come later than the next question.
         self.standing.state = answered.state as u32;
         // A reset that was accepted and is not done waits for the robot.
-        let waits = command.request == Request::Reset as u32
-            && refusal == 0
-            && answered.state == ControlState::Fault;
+        let waits =
+            command.request == Request::Reset as u32 && refusal == 0 && answered.state == ControlState::Fault;
         self.standing.flags |= if waits { answer_flag::CLEARING } else { 0 };
         asked.answer(&ControlAnswer { request: command.request, refusal, ..self.standing });
         let record = RequestMsg {

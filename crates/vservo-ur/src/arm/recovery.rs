@@ -7,11 +7,11 @@
 //! ```
 
 use super::{Arm, ArmSettings, ArmState, Command, SLIDER, session};
+use crate::UrError;
 use crate::dashboard::Dashboard;
 use crate::program;
 use crate::robot::{RobotMode, SafetyMode, Series};
 use crate::rtde::nanoseconds;
-use crate::UrError;
 use std::io::Write;
 use std::net::{SocketAddr, TcpStream};
 use std::thread::JoinHandle;
