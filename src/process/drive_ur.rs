@@ -240,7 +240,9 @@ impl Link<'_> {
             (_, RobotMode::Idle) => RobotState::Braked,
             (_, RobotMode::Running) if self.arm.is_halted() => RobotState::Halted,
             (SafetyMode::Reduced, RobotMode::Running) => RobotState::Reduced,
-            (_, RobotMode::Running) if s.program[0] == program_state::MOVES => RobotState::Moving,
+            (_, RobotMode::Running) if s.program[0] == program_state::MOVES && !s.rests() => {
+                RobotState::Moving
+            }
             (_, RobotMode::Running) => RobotState::Ready,
             (_, RobotMode::Backdrive | RobotMode::UpdatingFirmware | RobotMode::Unknown(_)) => {
                 RobotState::Fault

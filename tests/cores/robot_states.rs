@@ -156,7 +156,11 @@ fn each_stop_of_a_robot_is_its_own_fault_in_its_tick() {
             assert!(trace.events.iter().any(|event| event == Event::Fault(fault)), "{mode}");
             assert_eq!(cell.run.request(Request::Start), Err(Refusal::InFault));
             let trace = cell.ticks(3000);
-            assert_eq!((trace.state, trace.fault), (ControlState::Fault, Some(fault)), "{mode}: and stays it");
+            assert_eq!(
+                (trace.state, trace.fault),
+                (ControlState::Fault, Some(fault)),
+                "{mode}: and stays it"
+            );
             let js = trace.joint_state;
             for i in 0..6 {
                 let (off, speed) = ((js.q_r[i] - js.q[i]).abs(), js.qd_r[i].abs());

@@ -22,6 +22,12 @@ fn words<'a>(answer: &'a Value, key: &str) -> &'a str {
     answer[key].as_str().unwrap_or_default()
 }
 
+/// How far apart two postures are, rad or m.
+fn apart(a: &Value, b: &Value) -> f64 {
+    let [a, b] = [a, b].map(|answer| answer["q_rad_or_m"].as_array().unwrap());
+    a.iter().zip(b).map(|(a, b)| (a.as_f64().unwrap() - b.as_f64().unwrap()).abs()).fold(0.0, f64::max)
+}
+
 /// In lockstep and by the clock: the fault is the robot's and no other, the arm rests where the robot stopped it, nothing starts, and a reset has the robot cleared.
 #[test]
 fn a_protective_stop_is_a_fault_that_a_reset_has_cleared() {
@@ -39,9 +45,12 @@ fn a_protective_stop_is_a_fault_that_a_reset_has_cleared() {
         assert_eq!(answer["waits_for"], Value::Null, "nobody has asked: {answer}");
         daemon.refuses("start", "reset");
         wait_until("a reset that is taken", || daemon.ctl("reset").0 == Some(0));
-        daemon.wait_for("idle");
+        let wait = ["ctl", "wait", "state=idle", "--timeout-s", "60", "--instance", &daemon.instance.name];
+        let wait = vservo().args(wait).output().unwrap();
+        assert_eq!(wait.status.code(), Some(0), "{wait:?}");
         let rested = status(&daemon);
-        assert_eq!(answer["q_rad_or_m"], rested["q_rad_or_m"], "it was held where it was stopped");
+        // Under torques an arm gives way by some milliradians when its brakes open.
+        assert!(apart(&answer, &rested) < 1e-2, "it was held where it was stopped: {answer} {rested}");
         assert_eq!((&rested["fault"], words(&rested, "robot_state")), (&Value::Null, "ready"));
         daemon.accepts("start");
         let wait = vservo()

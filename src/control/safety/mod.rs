@@ -191,6 +191,19 @@ impl Fault {
         matches!(self, Self::DriveStateNotFinite | Self::DriveStateImplausible | Self::Drive(_))
     }
 
+    /// Whether the robot has stopped the arm by itself.
+    #[must_use]
+    pub fn is_of_robot(self) -> bool {
+        matches!(
+            self,
+            Self::RobotProtectiveStop
+                | Self::RobotEmergencyStop
+                | Self::RobotOff
+                | Self::RobotError
+                | Self::RobotHalted
+        )
+    }
+
     /// The description, for people.
     #[must_use]
     pub fn describe(self) -> &'static str {
@@ -300,6 +313,7 @@ mod tests {
             let fault = Fault::of_robot(state);
             assert_eq!(fault.is_none(), state.obeys(), "{state:?}");
             assert!(!fault.is_some_and(Fault::blinds), "{state:?}: its joints are measured as before");
+            assert!(fault.is_none_or(Fault::is_of_robot), "{state:?}");
         }
     }
 }
