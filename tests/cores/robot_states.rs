@@ -112,7 +112,9 @@ impl Cell {
     }
 
     fn ticks(&mut self, count: i64) -> Trace {
-        (1..count).for_each(|_| drop(self.tick()));
+        for _ in 1..count {
+            self.tick();
+        }
         self.tick()
     }
 
@@ -190,8 +192,10 @@ fn a_reset_waits_for_the_robot_and_moves_nothing() {
         let trace = cell.ticks(1000);
         assert_eq!(trace.state, ControlState::Idle);
         for (now, then) in trace.joint_state.q.iter().zip(&q) {
-            assert!((now - then).abs() < 2e-3, "{mode}: {now} {then}");
+            // Under torques it gives way by some milliradians when its brakes open.
+            assert!((now - then).abs() < 1e-2, "{mode}: {now} {then}");
         }
+        assert!(cell.wire.lock().unwrap().was_reset > 0, "{mode}: the fault of its states is forgotten too");
         cell.run.request(Request::Start).unwrap();
         cell.until(ControlState::Servoing);
         let trace = cell.ticks(6000);
