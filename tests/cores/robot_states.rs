@@ -1,7 +1,7 @@
 //! A robot that stops by itself in front of the control loop: the fault is told as the robot's, in the tick in which it is; the reference goes to the arm; and the
 //! fault is left when somebody has asked for it and the robot obeys again, by no other way.
 
-#![allow(clippy::unwrap_used, clippy::panic)]
+#![allow(clippy::unwrap_used, clippy::panic, non_snake_case)]
 
 use crate::plant::{MS, config};
 use nalgebra::SVector;

@@ -119,9 +119,10 @@ fn a_served_robot_comes_back_by_a_reset() {
     let slow = ["config/ur5e-emulated.toml", "--set", &set, "--set", "servo.gain_1_s=0.4"];
     let daemon = Daemon::start("urserved", &[&slow[..], &PATIENT].concat());
     let status = || daemon.ctl("status").1;
+    wait_until("a robot that is ready", || status()["robot_state"] == "ready");
     daemon.accepts("start");
     wait_until("a moving arm", || moves(&robot));
-    assert_eq!(status()["robot_state"], "moving");
+    wait_until("a robot that says so", || status()["robot_state"] == "moving");
     robot.inject(Fault::Stop(SafetyMode::ProtectiveStop));
     daemon.wait_for("fault");
     let answer = status();

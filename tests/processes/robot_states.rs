@@ -11,7 +11,10 @@ const LOCKSTEP: [&str; 2] = ["--clock", "lockstep"];
 
 fn daemon(test: &str, behaviour: &str, extra: &[&str]) -> Daemon {
     let command = command(behaviour);
-    Daemon::start(test, &[&["--set", "drive.kind=external", "--set", &command], extra].concat())
+    let daemon = Daemon::start(test, &[&["--set", "drive.kind=external", "--set", &command], extra].concat());
+    // It answers while it still waits for its drive, too.
+    wait_until("a robot that is ready", || words(&status(&daemon), "robot_state") == "ready");
+    daemon
 }
 
 fn status(daemon: &Daemon) -> Value {
@@ -36,7 +39,6 @@ fn a_protective_stop_is_a_fault_that_a_reset_has_cleared() {
         let recording = folder.path().join("run.mcap");
         let record = ["--clock", clock, "--record", recording.to_str().unwrap()];
         let daemon = daemon("robotstop", "protective_stop", &record);
-        assert_eq!(words(&status(&daemon), "robot_state"), "ready");
         daemon.accepts("start");
         daemon.wait_for("fault");
         let answer = status(&daemon);
