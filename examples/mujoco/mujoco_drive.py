@@ -19,6 +19,7 @@ JOINTS, TICK_NS = 7, 1_000_000
 BRAKE_NS = 100_000_000  # real time: without a command for so long the brakes close
 TORQUE = 0
 TRUTH, START, INITIAL, LAST, LOCKSTEP = 1, 2, 4, 8, 16
+READY = 1  # robot_state: of a simulator there is no other
 Joints = ctypes.c_double * JOINTS
 
 
@@ -35,11 +36,11 @@ class DriveCommand(ctypes.Structure):
 class DriveState(ctypes.Structure):
     _fields_ = [("tick", ctypes.c_uint64), ("sequence", ctypes.c_uint64), ("stamp", ctypes.c_int64),
                 ("joints", ctypes.c_uint32), ("modes", ctypes.c_uint32), ("flags", ctypes.c_uint32), ("arm", ctypes.c_uint32),
-                ("q", Joints), ("qd", Joints), ("tau", Joints), ("q_true", Joints), ("qd_true", Joints)]
+                ("robot_state", ctypes.c_uint32), ("robot_code", ctypes.c_uint32), ("q", Joints), ("qd", Joints), ("tau", Joints), ("q_true", Joints), ("qd_true", Joints)]
 
     @staticmethod
     def type_name():
-        return "vservo.DriveState.v2"
+        return "vservo.DriveState.v3"
 
 
 class Arm:
@@ -84,7 +85,7 @@ class Arm:
 
     def state(self, tick, stamp, flags):
         n, d = self.model.nv, self.data
-        s = DriveState(tick=tick, stamp=stamp, joints=n, modes=1 << TORQUE, flags=flags | TRUTH)
+        s = DriveState(tick=tick, stamp=stamp, joints=n, modes=1 << TORQUE, flags=flags | TRUTH, robot_state=READY)
         s.q[:n] = s.q_true[:n] = d.qpos.tolist()
         s.qd[:n] = s.qd_true[:n] = d.qvel.tolist()
         s.tau[:n] = d.qfrc_applied.tolist()

@@ -210,6 +210,10 @@ impl<const N: usize> Drive<N> for TimedDrive<N> {
         self.drive.reset();
     }
 
+    fn clear_robot(&mut self, asked: bool) {
+        self.drive.clear_robot(asked);
+    }
+
     fn end(&mut self, last: &DriveCommand<N>) {
         self.drive.end(last);
     }

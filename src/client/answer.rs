@@ -4,7 +4,7 @@ use crate::control::lifecycle::{Refusal, Request};
 use crate::control::safety::Fault;
 use crate::input::printable;
 use crate::ipc::Instance;
-use crate::messages::{CameraState, ControlAnswer, ControlState, TargetStatus, answer_flag};
+use crate::messages::{CameraState, ControlAnswer, ControlState, RobotState, TargetStatus, answer_flag};
 use serde::Serialize;
 use std::fmt::Write as _;
 
@@ -23,6 +23,12 @@ pub struct RunAnswer {
     pub state: &'static str,
     /// The fault.
     pub fault: Option<&'static str>,
+    /// What the robot of an external drive is beside its joints, where the drive tells.
+    pub robot_state: Option<&'static str>,
+    /// The maker's own code for that.
+    pub robot_code: Option<u32>,
+    /// What a reset that was accepted waits for.
+    pub waits_for: Option<&'static str>,
     /// What the last measurement showed of the target.
     pub target: Option<&'static str>,
     /// The state of a real camera.
@@ -73,6 +79,10 @@ impl RunAnswer {
             reason: (a.refusal != 0).then(|| describe(a.refusal)),
             state: ControlState::from_code(a.state).as_str(),
             fault: Fault::from_code(a.fault).map(Fault::describe),
+            robot_state: (a.robot_state != 0).then(|| RobotState::from_code(a.robot_state).as_str()),
+            robot_code: Some(a.robot_code).filter(|code| *code != 0),
+            waits_for: (a.flags & answer_flag::CLEARING != 0)
+                .then(|| waits_for(RobotState::from_code(a.robot_state))),
             target: Some(TargetStatus::from_code(a.target).as_str()),
             camera: Some(CameraState::from_code(a.camera_state))
                 .filter(|state| *state != CameraState::Unknown)
@@ -104,6 +114,9 @@ impl RunAnswer {
             reason: None,
             state: state.as_str(),
             fault: None,
+            robot_state: None,
+            robot_code: None,
+            waits_for: None,
             target: None,
             camera: None,
             camera_state_s: None,
@@ -127,16 +140,31 @@ impl RunAnswer {
     /// The state with the fault in words.
     #[must_use]
     pub fn state_in_words(&self) -> String {
-        self.fault.map_or_else(
-            || self.state.to_owned(),
-            |fault| format!("{} ({fault}; see to its cause, then `vservo ctl reset`)", self.state),
-        )
+        match (self.fault, self.waits_for) {
+            (None, _) => self.state.to_owned(),
+            (Some(fault), Some(waits_for)) => {
+                format!("{} ({fault}; the reset waits: {waits_for})", self.state)
+            }
+            // Whoever says what to do at the robot says when to reset.
+            (Some(fault), None) if fault.contains("`vservo ctl reset`") => {
+                format!("{} ({fault})", self.state)
+            }
+            (Some(fault), None) => {
+                format!("{} ({fault}; see to its cause, then `vservo ctl reset`)", self.state)
+            }
+        }
     }
 
     /// A line for people.
     #[must_use]
     pub fn line(&self) -> String {
         let mut line = format!("{}: {}", printable(&self.instance), self.state_in_words());
+        if let Some(robot) = self.robot_state {
+            let _ = write!(line, ", robot {robot}");
+        }
+        if let Some(code) = self.robot_code {
+            let _ = write!(line, " ({code})");
+        }
         if let Some(s) = self.at_goal_s {
             let _ = write!(line, ", at the goal for {s:.1} s");
         }
@@ -158,6 +186,18 @@ impl RunAnswer {
             let _ = write!(line, ", camera {:.2} mm {:.3} deg from the goal", m * 1e3, rad.to_degrees());
         }
         line + "\n"
+    }
+}
+
+/// What a reset waits for that a robot in this state has to clear first.
+fn waits_for(state: RobotState) -> &'static str {
+    match state {
+        RobotState::ProtectiveStop => {
+            "the robot is unlocked, which robots allow some seconds after the stop (5 s, Universal Robots)"
+        }
+        RobotState::Halted => "what obeys commands on the robot starts again",
+        RobotState::Enabling => "the robot opens its brakes",
+        _ => "the robot obeys commands again",
     }
 }
 

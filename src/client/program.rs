@@ -190,6 +190,7 @@ impl Runner<'_> {
                     let answer = self.client.reset()?;
                     if answer.reason != Some(Refusal::StillMoving.describe()) {
                         accepted(&answer)?;
+                        self.cleared(answer, until)?;
                         break;
                     }
                     self.rest(until)?;
@@ -214,6 +215,19 @@ impl Runner<'_> {
         self.expected = Expected::Servoing;
         self.until(until, |status| (status.at_goal == Some(true)).then_some(Ok(())))?;
         self.pause(for_s)
+    }
+
+    /// Waits until a robot whose error a reset has cleared obeys again.
+    fn cleared(&mut self, answer: RunAnswer, until: Option<MonoNs>) -> Result<(), StepEnd> {
+        let mut newest = answer;
+        if newest.waits_for.is_none() {
+            return Ok(());
+        }
+        while newest.waits_for.is_some() {
+            self.rest(until)?;
+            newest = self.client.status()?;
+        }
+        newest.fault.map_or(Ok(()), |fault| failed(format!("the robot has not cleared its error: {fault}")))
     }
 
     fn pause(&mut self, s: f64) -> Result<(), StepEnd> {

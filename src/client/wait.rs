@@ -24,7 +24,8 @@ pub(super) fn verdict(what: WaitFor, a: &RunAnswer) -> Option<Result<(), String>
         return Some(Ok(()));
     }
     if is(ControlState::Fault) {
-        return Some(Err(a.state_in_words()));
+        // A reset that waits for the robot may still end it.
+        return a.waits_for.is_none().then(|| Err(a.state_in_words()));
     }
     use ControlState::{Held, Idle, Stopped, Stopping};
     let stands = [Held, Idle, Stopped, Stopping].into_iter().any(is);

@@ -9,18 +9,21 @@
 //! It does not allocate, log or fail.
 
 use crate::control::controller::{Controller, Rest};
-use crate::control::lifecycle::{Refusal, Request};
+use crate::control::lifecycle::{Refusal, Request, State};
 use crate::control::order::ControlOrder;
 use crate::control::records::{command_trace, joint_state, padded};
 use crate::control::safety::Fault;
 use crate::control::trace::{Event, Events, FrameStamps, LatencyStages, MeasurementRecord, Trace};
-use crate::drive::{Drive, DriveCommand, DriveState};
-use crate::messages::{JointState, MAX_JOINTS, Measurement, trace_flag};
-use crate::time::MonoNs;
+use crate::drive::{Drive, DriveCommand, DriveHealth, DriveState, RobotReport};
+use crate::messages::{JointState, MAX_JOINTS, Measurement, RobotState, trace_flag};
+use crate::time::{MonoNs, SpanNs};
 use nalgebra::SVector;
 
 /// The reason of a run that ends because a client asked for it.
 const SHUT_DOWN: &str = "somebody asked for the end";
+/// Time that a robot has to clear its error after a reset was asked for. Derived: a protective stop of Universal Robots is unlocked 5 s after it came at the
+/// earliest, and the driver gives the robot's program 5 s to start; half as much more, because others are slower.
+const CLEARS_WITHIN: SpanNs = SpanNs(15_000_000_000);
 
 /// Settings of a loop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -46,6 +49,9 @@ pub struct ControlLoop<const N: usize> {
     stopped: Option<&'static str>,
     joint_state: JointState,
     events: Events,
+    /// What the drive told of its robot at this tick, and since when a reset waits for that.
+    robot: RobotReport,
+    clears_since: Option<MonoNs>,
     /// What came from outside since the last tick: bits of [`trace_flag`], and orders in all.
     inputs: u32,
     orders: u32,
@@ -67,6 +73,8 @@ impl<const N: usize> ControlLoop<N> {
             stopped: None,
             joint_state: JointState::default(),
             events: Events::default(),
+            robot: RobotReport::default(),
+            clears_since: None,
             inputs: 0,
             orders: 0,
         }
@@ -80,11 +88,36 @@ impl<const N: usize> ControlLoop<N> {
             self.controller.follow_anew();
             self.inputs |= trace_flag::LATE_STATE;
         }
-        if let Some(fault) = self.drive.health().fault {
+        let DriveHealth { fault, robot, .. } = self.drive.health();
+        if let Some(fault) = fault {
             self.fail(Fault::Drive(fault));
         }
+        self.hear_robot(now, robot);
         self.joint_state = joint_state(tick, self.ticks, now, &self.sensed, &self.command);
         self.joint_state
+    }
+
+    /// Takes in what the robot is beside its joints: one that has stopped by itself is a fault, and one that obeys again ends the wait of a reset.
+    fn hear_robot(&mut self, now: MonoNs, robot: RobotReport) {
+        self.robot = robot;
+        let clears = self.controller.state() == State::Clearing;
+        let since = clears.then(|| self.clears_since.unwrap_or(now));
+        self.clears_since = since;
+        if let Some(since) = since {
+            let RobotReport { state, .. } = robot;
+            // A robot that opens its brakes meanwhile is on its way.
+            let goes_on = state.can_be_cleared() || state == RobotState::Enabling;
+            if state.obeys() {
+                self.drive.reset();
+                self.controller.robot_answered(true);
+            } else if !goes_on || now - since > CLEARS_WITHIN {
+                self.controller.robot_answered(false);
+            }
+        }
+        if let Some(fault) = Fault::of_robot(robot.state).filter(|_| self.controller.fault().is_none()) {
+            self.fail(fault);
+        }
+        self.drive.clear_robot(self.controller.state() == State::Clearing);
     }
 
     /// Second half: steps the controller on that state and writes the drive. [`Trace::over`] ends the loop.
@@ -117,6 +150,8 @@ impl<const N: usize> ControlLoop<N> {
             stopped: self.stopped,
             over,
             inputs: std::mem::take(&mut self.inputs),
+            robot: self.robot,
+            clears: output.state == State::Clearing,
             orders: self.orders,
             path_began: self.controller.servo().path_began(),
             measurement_record: record,
@@ -191,7 +226,13 @@ impl<const N: usize> ControlLoop<N> {
         if self.ends {
             return Err(Refusal::Ending);
         }
-        self.controller.request(request)?;
+        match self.blocked_by() {
+            Some(refusal) if request == Request::Reset && self.controller.state() == State::Fault => {
+                refusal?;
+                self.controller.await_robot();
+            }
+            _ => self.controller.request(request)?,
+        }
         self.events.push(Event::Requested(request));
         // A run that is not served has no idle state: a stop ends it.
         if request == Request::Shutdown || (request == Request::Stop && !self.settings.served) {
@@ -201,6 +242,17 @@ impl<const N: usize> ControlLoop<N> {
             self.drive.reset();
         }
         Ok(())
+    }
+
+    /// What a reset has to wait for before the robot obeys again, or why it is refused; `None` where it obeys.
+    fn blocked_by(&self) -> Option<Result<(), Refusal>> {
+        match self.robot.state {
+            state if state.obeys() => None,
+            RobotState::EmergencyStop => Some(Err(Refusal::RobotEmergencyStop)),
+            RobotState::Off | RobotState::Braked | RobotState::Enabling => Some(Err(Refusal::RobotOff)),
+            RobotState::Fault => Some(Err(Refusal::RobotFault)),
+            _ => Some(Ok(())),
+        }
     }
 
     /// Takes a request of a client and, where it is accepted, the order that carries what it asks for.

@@ -11,8 +11,9 @@
 //!             └─┼─────────────────▲
 //!               │ taught, hold    stop: from everywhere to Stopping; failed: from everywhere to Failing
 //!               └──── reset ──── Fault ◄── at rest ── Failing
+//!               └─ robot ready ─ Clearing ◄─ reset, where the robot has an error of its own that it can clear ─ Fault
 //!
-//!   Moving: from everywhere but Teaching, Stopping, Failing and Fault by the requests goto and jog ─► Held, when the posture is reached
+//!   Moving: from everywhere but Teaching, Stopping, Failing, Fault and Clearing by the requests goto and jog ─► Held, when the posture is reached
 //! ```
 //! The arm moves in `Servoing`, under the servo law, in `Returning`, to the posture from which the target was seen last, and in `Moving`, to a posture
 //! that was asked for. In all other states it is at rest, or brakes until it is.
@@ -44,6 +45,8 @@ pub enum State {
     Failing,
     /// A fault: the arm is at rest until the request `reset`.
     Fault,
+    /// A fault that is to be reset: the arm is at rest until the robot has cleared its own error.
+    Clearing,
 }
 
 /// A request of a client.
@@ -93,6 +96,12 @@ pub enum Cue {
     AtRest,
     /// Something failed.
     Failed,
+    /// A reset was asked for, and the robot has to clear its error first.
+    RobotClears,
+    /// The robot obeys commands again.
+    RobotReady,
+    /// The robot does not clear its error.
+    RobotStays,
 }
 
 /// The result of a cue.
@@ -150,6 +159,12 @@ pub enum Refusal {
     NoArm = 19,
     /// A posture beyond a limit in space, or a way there through one.
     OutOfWorkspace = 20,
+    /// The robot is in an emergency stop.
+    RobotEmergencyStop = 21,
+    /// The robot has no power, or its brakes are closed.
+    RobotOff = 22,
+    /// The robot has a fault of its own.
+    RobotFault = 23,
 }
 
 impl Request {
@@ -193,7 +208,7 @@ impl Request {
 
 impl Refusal {
     /// All reasons.
-    pub const ALL: [Self; 20] = [
+    pub const ALL: [Self; 23] = [
         Self::InFault,
         Self::NoFault,
         Self::StillMoving,
@@ -214,6 +229,9 @@ impl Refusal {
         Self::NoGain,
         Self::NoArm,
         Self::OutOfWorkspace,
+        Self::RobotEmergencyStop,
+        Self::RobotOff,
+        Self::RobotFault,
     ];
 
     /// The reason and the remedy, for people.
@@ -257,6 +275,16 @@ impl Refusal {
             Self::OutOfWorkspace => {
                 "the arm would be beyond a limit of [workspace] there, or on the straight way of its joints: go round it by another posture"
             }
+            Self::RobotEmergencyStop => {
+                "the robot is in an emergency stop, which is not cleared from here: release its button, power the robot and open its brakes at the \
+                 robot, then `reset` again"
+            }
+            Self::RobotOff => {
+                "the robot has no power or its brakes are closed, and it is not powered from here: do that at the robot, then `reset` again"
+            }
+            Self::RobotFault => {
+                "the robot has a fault of its own, which is not cleared from here: see to it at the robot, then `reset` again"
+            }
         }
     }
 
@@ -269,7 +297,7 @@ impl Refusal {
 
 impl State {
     /// All states.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 12] = [
         Self::Idle,
         Self::Waiting,
         Self::Teaching,
@@ -281,6 +309,7 @@ impl State {
         Self::Stopping,
         Self::Failing,
         Self::Fault,
+        Self::Clearing,
     ];
 
     /// Whether the arm moves by itself.
@@ -302,7 +331,7 @@ impl State {
             Self::Moving => ControlState::Moving,
             Self::Held => ControlState::Held,
             Self::Stopping => ControlState::Stopping,
-            Self::Failing | Self::Fault => ControlState::Fault,
+            Self::Failing | Self::Fault | Self::Clearing => ControlState::Fault,
         }
     }
 
@@ -311,7 +340,8 @@ impl State {
     pub fn next(self, cue: Cue) -> Step {
         use Refusal::{AlreadyStarted, InFault, NoFault, NotStarted, StillMoving};
         use State::{
-            Failing, Fault, Held, Holding, Idle, Moving, Returning, Servoing, Stopping, Teaching, Waiting,
+            Clearing, Failing, Fault, Held, Holding, Idle, Moving, Returning, Servoing, Stopping, Teaching,
+            Waiting,
         };
         use Step::{Refuse, Stay, To};
         match cue {
@@ -320,7 +350,9 @@ impl State {
                 (Failing, Request::Reset) => Refuse(StillMoving),
                 // The arm stands or slows down already, and stays in fault.
                 (Fault | Failing, Request::Stop | Request::Shutdown | Request::Set) => Stay,
-                (Fault | Failing, _) => Refuse(InFault),
+                (Clearing, Request::Reset | Request::Set) => Stay,
+                (Clearing, Request::Stop | Request::Shutdown) => To(Fault),
+                (Fault | Failing | Clearing, _) => Refuse(InFault),
                 (_, Request::Reset) => Refuse(NoFault),
                 (Idle | Stopping, Request::Stop) | (Stopping, Request::Shutdown) => Stay,
                 (_, Request::Stop | Request::Shutdown) => To(Stopping),
@@ -342,6 +374,7 @@ impl State {
             },
             Cue::Failed => match self {
                 Failing | Fault => Stay,
+                Clearing => To(Fault),
                 _ => To(Failing),
             },
             Cue::InView => match self {
@@ -371,6 +404,18 @@ impl State {
             Cue::AtRest => match self {
                 Stopping => To(Idle),
                 Failing => To(Fault),
+                _ => Stay,
+            },
+            Cue::RobotClears => match self {
+                Fault => To(Clearing),
+                _ => Stay,
+            },
+            Cue::RobotReady => match self {
+                Clearing => To(Idle),
+                _ => Stay,
+            },
+            Cue::RobotStays => match self {
+                Clearing => To(Fault),
                 _ => Stay,
             },
         }

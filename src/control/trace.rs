@@ -10,6 +10,7 @@ pub use record::event_words;
 use super::lifecycle::Request;
 use super::outcome::Finish;
 use super::safety::Fault;
+use crate::drive::RobotReport;
 use crate::messages::{ControlState, JointState, MAX_JOINTS, Measurement, Status};
 use crate::motion::{ActingLimits, SpaceLimit};
 use crate::servo::MeasurementVerdict;
@@ -43,6 +44,10 @@ pub struct Trace {
     pub over: bool,
     /// What came from outside at this tick: bits of [`crate::messages::trace_flag`].
     pub inputs: u32,
+    /// What the drive told of its robot.
+    pub robot: RobotReport,
+    /// Whether a reset waits until the robot has cleared its error.
+    pub clears: bool,
     /// Orders of the mission that were obeyed so far.
     pub orders: u32,
     /// Whether the mission gave out its orders when it had seen this trace, which is not so where the next one had come already.
@@ -84,6 +89,8 @@ impl Trace {
             stopped: None,
             over: false,
             inputs: 0,
+            robot: RobotReport::default(),
+            clears: false,
             orders: 0,
             gives_orders: true,
             lost: 0,
@@ -198,6 +205,10 @@ pub enum Event {
     GoalLeft,
     /// The posture that was asked for is reached.
     Arrived,
+    /// The robot has cleared its error, and the fault is reset.
+    RobotReady,
+    /// The robot has not cleared its error although a reset was asked for.
+    RobotNotCleared,
 }
 
 impl Event {
@@ -223,6 +234,8 @@ impl Event {
             Self::MotionOver => "motion_over",
             Self::GoalLeft => "goal_left",
             Self::Arrived => "arrived",
+            Self::RobotReady => "robot_ready",
+            Self::RobotNotCleared => "robot_not_cleared",
         }
     }
 }

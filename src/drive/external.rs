@@ -6,8 +6,8 @@
 //! ```
 //! How messages travel is the link's matter; nothing here waits or allocates.
 
-use super::{CommandMode, Drive, DriveCommand, DriveFault, DriveHealth, DriveState};
-use crate::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, drive_flag};
+use super::{CommandMode, Drive, DriveCommand, DriveFault, DriveHealth, DriveState, RobotReport};
+use crate::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, RobotState, drive_flag};
 use crate::time::TICK;
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::SVector;
@@ -37,6 +37,8 @@ pub struct ExternalDrive<const N: usize> {
     /// That of the last command.
     last_tick: Option<u64>,
     health: DriveHealth,
+    /// Whether the robot is asked to clear its error.
+    clears: bool,
 }
 
 impl<const N: usize> ExternalDrive<N> {
@@ -54,6 +56,7 @@ impl<const N: usize> ExternalDrive<N> {
             now: MonoNs::ZERO,
             last_tick: None,
             health: DriveHealth::default(),
+            clears: false,
         }
     }
 
@@ -83,6 +86,7 @@ impl<const N: usize> ExternalDrive<N> {
             qd: vector(&m.qd),
             truth: truth.then(|| (vector(&m.q_true), vector(&m.qd_true))),
         };
+        self.health.robot = RobotReport { state: RobotState::from_code(m.robot_state), code: m.robot_code };
         self.stamp = m.stamp;
     }
 }
@@ -110,7 +114,7 @@ impl<const N: usize> Drive<N> for ExternalDrive<N> {
 
     fn write(&mut self, command: &DriveCommand<N>) {
         let tick = ((self.now - self.first.unwrap_or(self.now)).0 / TICK.0).max(0).unsigned_abs();
-        self.send(command, tick, 0);
+        self.send(command, tick, if self.clears { drive_flag::CLEAR } else { 0 });
         self.last_tick = Some(tick);
     }
 
@@ -125,6 +129,10 @@ impl<const N: usize> Drive<N> for ExternalDrive<N> {
 
     fn reset(&mut self) {
         self.health.fault = None;
+    }
+
+    fn clear_robot(&mut self, asked: bool) {
+        self.clears = asked;
     }
 
     fn end(&mut self, last: &DriveCommand<N>) {

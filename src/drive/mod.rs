@@ -38,6 +38,7 @@ pub use simulated::{Payload, SimulatedDrive, SimulatedDriveError, SimulatedDrive
 pub use standstill::StandstillDrive;
 pub use surroundings::{Jam, Push, Surroundings, Wall};
 
+use crate::messages::RobotState;
 use crate::time::MonoNs;
 use nalgebra::SVector;
 
@@ -93,6 +94,15 @@ impl DriveFault {
     }
 }
 
+/// What a drive tells of its robot beside the joints.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct RobotReport {
+    /// What it is.
+    pub state: RobotState,
+    /// The maker's own code for that; 0 where there is none.
+    pub code: u32,
+}
+
 /// How a drive fares.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct DriveHealth {
@@ -100,6 +110,8 @@ pub struct DriveHealth {
     pub late_states: u64,
     /// Why its states cannot be used any more.
     pub fault: Option<DriveFault>,
+    /// What the newest state tells of the robot.
+    pub robot: RobotReport,
 }
 
 /// An arm.
@@ -120,6 +132,9 @@ pub trait Drive<const N: usize> {
 
     /// Clears the fault of its states, after a reset.
     fn reset(&mut self) {}
+
+    /// Whether the robot is asked to clear its error, from the next command on.
+    fn clear_robot(&mut self, _asked: bool) {}
 
     /// No command follows: the arm stays where it is by its own means, `last` being what it is to hold.
     fn end(&mut self, _last: &DriveCommand<N>) {}

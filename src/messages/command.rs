@@ -109,7 +109,7 @@ impl ControlCommand {
 }
 
 record! {
-    "vservo.ControlAnswer.v5",
+    "vservo.ControlAnswer.v6",
     /// The answer to a request, with the state of the run.
     #[derive(Debug, Clone, Copy, PartialEq)]
     pub struct ControlAnswer {
@@ -137,6 +137,10 @@ record! {
         pub camera_restarts: u32,
         /// How often it has started vision anew.
         pub vision_restarts: u32,
+        /// What the robot of an external drive is beside its joints: code of a [`super::RobotState`].
+        pub robot_state: u32,
+        /// The maker's own code for that; 0 where there is none.
+        pub robot_code: u32,
         /// Number of the control tick.
         pub tick: u64,
         /// Time since the first tick, s.
@@ -179,6 +183,8 @@ impl Default for ControlAnswer {
             goal: 0,
             camera_restarts: 0,
             vision_restarts: 0,
+            robot_state: 0,
+            robot_code: 0,
             tick: 0,
             time_s: 0.0,
             feature_error_px: f64::NAN,
@@ -199,6 +205,8 @@ impl Default for ControlAnswer {
 pub mod answer_flag {
     /// The run serves requests, and ends on request.
     pub const SERVED: u32 = 1;
+    /// A reset was accepted, and waits until the robot has cleared its error.
+    pub const CLEARING: u32 = 2;
 }
 
 #[cfg(test)]
@@ -210,12 +218,12 @@ mod tests {
     #[allow(unsafe_code)]
     fn layouts_are_fixed_and_named() {
         assert_eq!((size_of::<ControlCommand>(), align_of::<ControlCommand>()), (1304, 8));
-        assert_eq!((size_of::<ControlAnswer>(), align_of::<ControlAnswer>()), (1504, 8));
+        assert_eq!((size_of::<ControlAnswer>(), align_of::<ControlAnswer>()), (1512, 8));
         assert_eq!((offset_of!(ControlCommand, ids), offset_of!(ControlCommand, values)), (24, 280));
-        assert_eq!(offset_of!(ControlAnswer, tick), 48);
-        assert_eq!(offset_of!(ControlAnswer, q), 104);
+        assert_eq!(offset_of!(ControlAnswer, tick), 56);
+        assert_eq!(offset_of!(ControlAnswer, q), 112);
         // SAFETY: the names are only read.
         let names = unsafe { (ControlCommand::type_name(), ControlAnswer::type_name()) };
-        assert_eq!(names, ("vservo.ControlCommand.v2", "vservo.ControlAnswer.v5"));
+        assert_eq!(names, ("vservo.ControlCommand.v2", "vservo.ControlAnswer.v6"));
     }
 }

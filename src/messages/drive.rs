@@ -6,6 +6,10 @@
 //! control ── command k ────────────────────► drive     lockstep: integrate 1 ms ...
 //! control ◄─ state k+1 ───────────────────── drive     ... and answer exactly once
 //! control ── LAST ─────────────────────────► drive     hold the arm; no command follows
+//!
+//! control ◄─ robot_state: protective stop ── drive     the robot has stopped the arm by itself: a fault
+//! control ── CLEAR, after `vservo ctl reset` ► drive   clear the robot's error, and hold the arm ...
+//! control ◄─ robot_state: ready ──────────── drive     ... until commands are obeyed again
 //! ```
 //! In real time the drive sends states by its own clock, 1 kHz or faster, and obeys the newest command. The numbers here are bits of the
 //! protocol, which every drive's program must share.
@@ -45,7 +49,7 @@ record! {
 }
 
 record! {
-    "vservo.DriveState.v2",
+    "vservo.DriveState.v3",
     /// A state of an external drive.
     #[derive(Debug, Clone, Copy, Default, PartialEq)]
     pub struct DriveStateMsg {
@@ -63,6 +67,10 @@ record! {
         pub flags: u32,
         /// Which arm: 0.
         pub arm: u32,
+        /// What the robot is beside its joints: code of a [`RobotState`]; 0 where the drive does not tell.
+        pub robot_state: u32,
+        /// The maker's own code for that; 0 where there is none.
+        pub robot_code: u32,
         /// Measured positions, rad or m.
         pub q: [f64; MAX_JOINTS],
         /// Measured velocities, rad/s or m/s.
@@ -89,6 +97,91 @@ pub mod drive_flag {
     pub const LAST: u32 = 8;
     /// Command with `START`: the run is in lockstep, every command is answered with one state.
     pub const LOCKSTEP: u32 = 16;
+    /// Command: somebody has asked for a reset while the robot reported a [`RobotState`](super::RobotState) that can be cleared. The drive clears the robot's
+    /// error, holds the arm until that is done, and then reports `Ready`. Without this bit it clears nothing.
+    pub const CLEAR: u32 = 32;
+}
+
+/// What a robot is beside its joints.
+#[repr(u32)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash)]
+pub enum RobotState {
+    /// The drive does not tell.
+    #[default]
+    Unknown = 0,
+    /// Commands are obeyed; the arm is held.
+    Ready = 1,
+    /// Commands are obeyed, and the arm moves.
+    Moving = 2,
+    /// The motors have no power.
+    Off = 3,
+    /// The motors have power, and the brakes are closed.
+    Braked = 4,
+    /// Power comes, or the brakes are being opened.
+    Enabling = 5,
+    /// The robot has stopped the arm by itself, and moves on after it was unlocked.
+    ProtectiveStop = 6,
+    /// An emergency stop, which somebody has to end at the robot.
+    EmergencyStop = 7,
+    /// Commands are obeyed, within limits of the robot that are lower than usual.
+    Reduced = 8,
+    /// The robot has a fault that is mended at the robot.
+    Fault = 9,
+    /// The robot could move, but what obeys commands there was stopped, and has to be started again.
+    Halted = 10,
+}
+
+impl RobotState {
+    /// All states.
+    pub const ALL: [Self; 11] = [
+        Self::Unknown,
+        Self::Ready,
+        Self::Moving,
+        Self::Off,
+        Self::Braked,
+        Self::Enabling,
+        Self::ProtectiveStop,
+        Self::EmergencyStop,
+        Self::Reduced,
+        Self::Fault,
+        Self::Halted,
+    ];
+
+    /// The state of a code in a message; an unknown one counts as [`Self::Fault`].
+    #[must_use]
+    pub fn from_code(code: u32) -> Self {
+        Self::ALL.into_iter().find(|state| *state as u32 == code).unwrap_or(Self::Fault)
+    }
+
+    /// Its name for messages.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Unknown => "unknown",
+            Self::Ready => "ready",
+            Self::Moving => "moving",
+            Self::Off => "off",
+            Self::Braked => "braked",
+            Self::Enabling => "enabling",
+            Self::ProtectiveStop => "protective_stop",
+            Self::EmergencyStop => "emergency_stop",
+            Self::Reduced => "reduced",
+            Self::Fault => "fault",
+            Self::Halted => "halted",
+        }
+    }
+
+    /// Whether commands are obeyed, as far as is known.
+    #[must_use]
+    pub fn obeys(self) -> bool {
+        matches!(self, Self::Unknown | Self::Ready | Self::Moving | Self::Reduced)
+    }
+
+    /// Whether a drive can clear it when it is asked to.
+    #[must_use]
+    pub fn can_be_cleared(self) -> bool {
+        matches!(self, Self::ProtectiveStop | Self::Halted)
+    }
 }
 
 #[cfg(test)]
@@ -102,10 +195,11 @@ mod tests {
         assert_eq!(offset_of!(DriveCommandMsg, joints), 24);
         assert_eq!(offset_of!(DriveCommandMsg, q_r), 40);
         assert_eq!(offset_of!(DriveCommandMsg, tau), 152);
-        assert_eq!((size_of::<DriveStateMsg>(), align_of::<DriveStateMsg>()), (320, 8));
+        assert_eq!((size_of::<DriveStateMsg>(), align_of::<DriveStateMsg>()), (328, 8));
         assert_eq!(offset_of!(DriveStateMsg, modes), 28);
-        assert_eq!(offset_of!(DriveStateMsg, q), 40);
-        assert_eq!(offset_of!(DriveStateMsg, q_true), 208);
+        assert_eq!((offset_of!(DriveStateMsg, robot_state), offset_of!(DriveStateMsg, robot_code)), (40, 44));
+        assert_eq!(offset_of!(DriveStateMsg, q), 48);
+        assert_eq!(offset_of!(DriveStateMsg, q_true), 216);
     }
 
     #[test]
@@ -113,6 +207,17 @@ mod tests {
     fn type_names_carry_their_version() {
         // SAFETY: the names are only read.
         let names = unsafe { (DriveCommandMsg::type_name(), DriveStateMsg::type_name()) };
-        assert_eq!(names, ("vservo.DriveCommand.v2", "vservo.DriveState.v2"));
+        assert_eq!(names, ("vservo.DriveCommand.v2", "vservo.DriveState.v3"));
+    }
+
+    #[test]
+    fn codes_of_robots_come_back_and_unknown_ones_are_faults() {
+        for (code, state) in (0..).zip(RobotState::ALL) {
+            assert_eq!((state as u32, RobotState::from_code(code)), (code, state));
+            assert!(!(state.obeys() && state.can_be_cleared()), "{state:?}");
+        }
+        for code in [11, 99, u32::MAX] {
+            assert_eq!(RobotState::from_code(code), RobotState::Fault, "{code}");
+        }
     }
 }

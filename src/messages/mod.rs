@@ -29,7 +29,7 @@ mod trace;
 pub use camera_health::{CameraHealth, CameraState, health_flag};
 pub use camera_id::CameraId;
 pub use command::{COMMAND_VALUES, CommandForm, ControlAnswer, ControlCommand, answer_flag};
-pub use drive::{DriveCommandMsg, DriveStateMsg, drive_flag};
+pub use drive::{DriveCommandMsg, DriveStateMsg, RobotState, drive_flag};
 pub use frame::{FrameHeader, ImageHeader, frame_flag};
 pub use joint_state::{JointState, joint_flag};
 pub use layout::{FieldType, FieldValue, MessageRecord, RecordField, RecordLayout};

@@ -4,6 +4,7 @@
 //! drive/command (1 kHz) ─► the newest, at each state ─► registers ─► program on the robot: servoj, speedj
 //! drive/state           ◄─ each state, 500 or 125 Hz, with the time of its sample ◄─ RTDE
 //! START ─► ready? program ─► INITIAL      LAST, a stop, silence ─► braked, at rest, program ended      a fault ─► its words, exit code 4
+//! the robot stops ─► its words, states with what the robot is ─ CLEAR ─► unlocked, program started ─► ready
 //! ```
 //! The robot's states set the pace: a state comes, is passed on, and the newest command goes back. Without commands for a tenth of a second the arm is braked; without
 //! this process the program on the robot does so. While the guardian's stop stands, the arm is held whatever is commanded.
@@ -12,12 +13,13 @@ use super::{ProcessError, StopFlag};
 use crate::config::RealtimeRequest;
 use crate::drive::CommandMode;
 use crate::ipc::{Instance, Receiver, Sender, Services, StopWord};
-use crate::messages::{DriveCommandMsg, DriveStateMsg, drive_flag};
+use crate::messages::{DriveCommandMsg, DriveStateMsg, RobotState, drive_flag};
 use crate::rt::{now, prepare_thread, tell};
 use crate::time::{MonoNs, SpanNs};
 use std::time::Duration;
-use vservo_ur::arm::ArmState;
-use vservo_ur::{Arm, ArmSettings, Command, JOINTS};
+use vservo_ur::arm::{ArmState, Recovered};
+use vservo_ur::program::state as program_state;
+use vservo_ur::{Arm, ArmSettings, Command, JOINTS, RobotMode, SafetyMode, UrError};
 
 /// Longest time without a command while a run goes on. Chosen by hand: a hundred ticks; control that is late by more has ended.
 const SILENCE: SpanNs = SpanNs(100_000_000);
@@ -70,7 +72,18 @@ fn drive(
     let (commands, _listener) = services.drive_command_receiver()?;
     let states = services.drive_state_sender()?;
     let (run, word) = (DriveStage::Waits, None);
-    let mut link = Link { instance, arm, commands, states, sent: 0, count: 0, run, word, is_guarded: false };
+    let mut link = Link {
+        instance,
+        arm,
+        commands,
+        states,
+        sent: 0,
+        count: 0,
+        run,
+        word,
+        is_guarded: false,
+        clear: ClearWish::None,
+    };
     let result = link.serve(enable, stop);
     if result.is_err() {
         link.arm.abandon();
@@ -95,6 +108,17 @@ enum DriveStage {
     Obeys(Command, MonoNs),
 }
 
+/// What control wants of a robot that has stopped.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum ClearWish {
+    /// Nothing: the newest command is without CLEAR.
+    None,
+    /// That it clears its error.
+    Asked,
+    /// The same wish still, which was fulfilled: what stops it from now on needs another.
+    Fulfilled,
+}
+
 struct Link<'a> {
     instance: &'a Instance,
     arm: Arm,
@@ -107,21 +131,27 @@ struct Link<'a> {
     word: Option<StopWord>,
     /// Whether that stop stood at the last look.
     is_guarded: bool,
+    clear: ClearWish,
 }
 
 impl Link<'_> {
     fn serve(&mut self, enable: bool, stop: &StopFlag) -> Result<u8, ProcessError> {
         loop {
-            let state = self.arm.next(WAIT)?;
+            let state = self.next()?;
             if let (Some(state), DriveStage::Held | DriveStage::Obeys(..)) = (&state, self.run) {
                 self.count += 1;
                 self.send(state, self.count, 0)?;
             }
             while let Some(command) = self.commands.receive()? {
                 if command.flags & drive_flag::LAST != 0 {
-                    self.arm.come_to_rest()?;
+                    self.rest()?;
                     return Ok(0);
                 }
+                self.clear = match (command.flags & drive_flag::CLEAR != 0, self.clear) {
+                    (false, _) => ClearWish::None,
+                    (true, ClearWish::None) => ClearWish::Asked,
+                    (true, wish) => wish,
+                };
                 if command.flags & drive_flag::START != 0 {
                     self.start(&command, enable, stop)?;
                 } else if self.run != DriveStage::Waits {
@@ -129,22 +159,95 @@ impl Link<'_> {
                 }
             }
             if stop.is_requested() {
-                self.arm.come_to_rest()?;
+                self.rest()?;
                 tell("vservo-drive-ur: a stop was requested; the arm is at rest");
                 return Ok(0);
             }
             let command = match self.run {
                 DriveStage::Obeys(_, since) if now() - since > SILENCE => {
-                    self.arm.come_to_rest()?;
+                    self.rest()?;
                     return Err(ProcessError::NoCommands { milliseconds: (now() - since).0 / 1_000_000 });
                 }
                 DriveStage::Obeys(command, _) => command,
                 DriveStage::Waits | DriveStage::Held => Command::Hold,
             };
-            let command = if self.is_stopped_by_guardian() { Command::Hold } else { command };
-            if state.is_some() {
-                self.arm.command(command)?;
+            let is_held = self.is_stopped_by_guardian() || self.clear != ClearWish::None;
+            match state {
+                Some(_) if self.arm.is_halted() => self.recover()?,
+                Some(_) => self.arm.command(if is_held { Command::Hold } else { command })?,
+                None => {}
             }
+        }
+    }
+
+    /// The next state. One in which the robot has stopped by itself is a state as any other, from when on it says so.
+    fn next(&mut self) -> Result<Option<ArmState>, ProcessError> {
+        match self.arm.next(WAIT) {
+            Err(error) if error.is_of_the_robot() => {
+                self.arm.halt();
+                self.tell_stop(&error);
+                Ok(self.arm.last().copied())
+            }
+            other => Ok(other?),
+        }
+    }
+
+    /// Why the robot does not move: for the log, and for the summary where the run ends by it.
+    fn tell_stop(&self, error: &UrError) {
+        tell(format_args!("vservo-drive-ur: {error}"));
+        self.instance.leave_words_of_drive(&error.to_string());
+    }
+
+    /// A step of a robot that has stopped by itself.
+    fn recover(&mut self) -> Result<(), ProcessError> {
+        match self.arm.recover(self.clear == ClearWish::Asked) {
+            Ok(Recovered::Not) => {}
+            Ok(Recovered::Ready) => {
+                self.clear = ClearWish::Fulfilled;
+                self.instance.leave_words_of_drive(""); // what comes later has other reasons
+                tell("vservo-drive-ur: the robot's program runs again");
+            }
+            Err(error @ (UrError::Lost { .. } | UrError::Wire { .. })) => return Err(error.into()),
+            // Somebody sees to it, and asks again.
+            Err(error) => self.tell_stop(&error),
+        }
+        Ok(())
+    }
+
+    /// Leaves an arm at rest, without a program that could go on.
+    fn rest(&mut self) -> Result<(), ProcessError> {
+        if self.arm.is_halted() {
+            self.arm.abandon();
+        }
+        Ok(self.arm.come_to_rest()?)
+    }
+
+    /// What the robot is beside its joints.
+    fn robot_state(&self, s: &ArmState) -> RobotState {
+        match (s.safety, s.mode) {
+            (SafetyMode::RobotEmergencyStop | SafetyMode::SystemEmergencyStop, _) => {
+                RobotState::EmergencyStop
+            }
+            (
+                SafetyMode::ProtectiveStop
+                | SafetyMode::SafeguardStop
+                | SafetyMode::AutomaticModeSafeguardStop
+                | SafetyMode::ThreePositionEnablingStop,
+                _,
+            ) => RobotState::ProtectiveStop,
+            (safety, _) if !safety.lets_move() => RobotState::Fault,
+            (_, RobotMode::PowerOn) => RobotState::Enabling,
+            (_, RobotMode::Idle) => RobotState::Braked,
+            (_, RobotMode::Running) if self.arm.is_halted() => RobotState::Halted,
+            (SafetyMode::Reduced, RobotMode::Running) => RobotState::Reduced,
+            (_, RobotMode::Running) if s.program[0] == program_state::MOVES && !s.rests() => {
+                RobotState::Moving
+            }
+            (_, RobotMode::Running) => RobotState::Ready,
+            (_, RobotMode::Backdrive | RobotMode::UpdatingFirmware | RobotMode::Unknown(_)) => {
+                RobotState::Fault
+            }
+            _ => RobotState::Off,
         }
     }
 
@@ -191,6 +294,8 @@ impl Link<'_> {
             joints: JOINTS as u32,
             modes: MODES,
             flags,
+            robot_state: self.robot_state(state) as u32,
+            robot_code: robot_code(state),
             ..Default::default()
         };
         for (to, from) in message.q.iter_mut().zip(&state.q) {
@@ -202,6 +307,12 @@ impl Link<'_> {
         self.sent += 1;
         Ok(self.states.send(&message)?)
     }
+}
+
+/// The maker's numbers of the robot's and the safety system's mode: 703 is a running robot in a protective stop.
+fn robot_code(s: &ArmState) -> u32 {
+    let number = |n: i32| u32::try_from(n).unwrap_or(0);
+    100 * number(s.mode.number()) + number(s.safety.number())
 }
 
 /// What the robot shall do by a command of control.

@@ -2,7 +2,7 @@
 
 use crate::control::safety::Fault;
 use crate::drive::{CommandMode, Drive, DriveCommand, DriveHealth, DriveState};
-use crate::messages::{MAX_JOINTS, TraceMsg, trace_flag};
+use crate::messages::{MAX_JOINTS, RobotState, TraceMsg, trace_flag};
 use crate::time::MonoNs;
 use nalgebra::SVector;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -37,6 +37,7 @@ impl<const N: usize> RecordedArm<N> {
             truth: truth.then(|| (vector(&trace.q_true), vector(&trace.qd_true))),
         };
         then.late = trace.flags & trace_flag::LATE_STATE != 0;
+        then.health.robot.state = RobotState::from_code(trace_flag::robot_state_of(trace.flags));
         then.health.fault = match reported_fault(trace) {
             Some(Fault::Drive(fault)) => Some(fault),
             _ => None,
@@ -50,7 +51,7 @@ impl<const N: usize> RecordedArm<N> {
 
 /// The fault that was reported to control at a tick.
 pub(super) fn reported_fault(trace: &TraceMsg) -> Option<Fault> {
-    Fault::from_code(trace.flags >> trace_flag::REPORTED_FAULT)
+    Fault::from_code(trace_flag::reported_fault_of(trace.flags))
 }
 
 impl<const N: usize> Drive<N> for RecordedArm<N> {

@@ -207,6 +207,10 @@ pub fn describe(event: Event) -> String {
         Event::Requested(request) => return format!("{} on request", request.as_str()),
         Event::GoalReached => "the goal was reached and held",
         Event::Arrived => "the posture that was asked for is reached",
+        Event::RobotReady => "the robot obeys commands again: the fault is reset",
+        Event::RobotNotCleared => {
+            "the robot has not cleared its error: see to it at the robot, then `vservo ctl reset` again"
+        }
         Event::GoalLeft => "the goal that was reached is not met any more",
         Event::Returning => "the arm goes back to where it saw the whole target last",
         Event::MotionOver => "the motion that was asked for is over",

@@ -12,7 +12,7 @@ use std::time::Duration;
 use vservo::config::Config;
 use vservo::drive::{CommandMode, Drive, DriveCommand, SimulatedDrive};
 use vservo::ipc::{Instance as Place, Sender, Services, StopWord};
-use vservo::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, drive_flag};
+use vservo::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, RobotState, drive_flag};
 use vservo::rt;
 use vservo::time::TICK;
 use vservo::time::{MonoNs, SpanNs};
@@ -42,7 +42,13 @@ struct TestDrive {
     word: Option<StopWord>,
     guarded: Option<DriveCommandMsg>,
     config: Config,
+    /// What the robot is, and how many commands it still takes to clear its error.
+    robot: RobotState,
+    clears_in: u32,
 }
+
+/// Commands with CLEAR that it takes to clear an error.
+const CLEARS_AFTER: u32 = 300;
 
 fn vector(v: &[f64; MAX_JOINTS]) -> SVector<f64, N> {
     SVector::from_column_slice(&v[..N])
@@ -65,7 +71,35 @@ impl TestDrive {
             word: None,
             guarded: None,
             config,
+            robot: RobotState::Ready,
+            clears_in: CLEARS_AFTER,
         }
+    }
+
+    /// A robot that stops by itself in its first motion, closes its brakes, and obeys nothing until it has cleared its error, which it does when it is asked to.
+    fn is_stopped(&mut self, c: &DriveCommandMsg) -> bool {
+        let stops = match self.behaviour.what.as_str() {
+            "protective_stop" => RobotState::ProtectiveStop,
+            "emergency_stop" => RobotState::EmergencyStop,
+            _ => return false,
+        };
+        let is_asked = c.flags & drive_flag::CLEAR != 0;
+        if self.robot.obeys() {
+            let moves = self.clears_in > 0 && c.qd_r[..N].iter().any(|v| v.abs() > 0.1);
+            if moves && !is_asked {
+                let q = self.drive.read(c.stamp).q;
+                let robot = self.config.robot.build::<N>().unwrap();
+                let settings = vservo::config::assemble::simulated_settings(&self.config).unwrap();
+                self.drive = SimulatedDrive::new(robot, q, settings).unwrap();
+                (self.robot, self.obeyed) = (stops, None);
+            }
+        } else if is_asked && stops == RobotState::ProtectiveStop {
+            self.clears_in -= 1;
+            if self.clears_in == 0 {
+                self.robot = RobotState::Ready;
+            }
+        }
+        !self.robot.obeys()
     }
 
     fn misbehaves(&self, what: &str, tick: u64) -> bool {
@@ -134,7 +168,7 @@ impl TestDrive {
     }
 
     fn obey(&mut self, c: &DriveCommandMsg) {
-        if self.refuses(c) || self.guarded.is_some() {
+        if self.is_stopped(c) || self.refuses(c) || self.guarded.is_some() {
             return;
         }
         (self.obeyed, self.braked) = (Some((*c, rt::now())), false);
@@ -160,6 +194,8 @@ impl TestDrive {
             joints: N as u32,
             modes: 0b111,
             flags,
+            robot_state: self.robot as u32,
+            robot_code: if self.robot.obeys() { 0 } else { 42 },
             ..Default::default()
         };
         m.q[..N].copy_from_slice(state.q.as_slice());
@@ -180,6 +216,8 @@ impl TestDrive {
                 m.qd.swap(0, 1);
             }
             "no_velocity" => m.qd = Default::default(),
+            "knows_no_states" => m.robot_state = 0,
+            "unknown_state" => m.robot_state = 99,
             _ => {}
         }
         self.states.send(&m).unwrap();

@@ -42,6 +42,7 @@ mod robot_consistency;
 mod robot_energy;
 mod robot_errors;
 mod robot_fixtures;
+mod robot_states;
 mod shapes;
 #[path = "../supersampled/mod.rs"]
 mod supersampled;

@@ -4,6 +4,8 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stdout)] // what is skipped is told
 
 use crate::common::{Instance, Run, assert_accurate, kill, number, read_summary, run, vservo, wait_until};
+use crate::serve::Daemon;
+use serde_json::Value;
 use std::net::{IpAddr, Ipv4Addr};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
@@ -107,6 +109,57 @@ fn a_stop_of_the_robot_ends_the_run_in_its_words() {
         assert_at_rest(&robot);
         instance.assert_gone();
     }
+}
+
+/// An instance that is served outlives a protective stop: it is told as that, the arm rests, and a reset has it unlocked, 5 s after it came; an emergency stop is not.
+#[test]
+fn a_served_robot_comes_back_by_a_reset() {
+    let robot = robot(Series::ESeries);
+    let set = command(robot.address(), &[]);
+    let slow = ["config/ur5e-emulated.toml", "--set", &set, "--set", "servo.gain_1_s=0.4"];
+    let daemon = Daemon::start("urserved", &[&slow[..], &PATIENT].concat());
+    let status = || daemon.ctl("status").1;
+    wait_until("a robot that is ready", || status()["robot_state"] == "ready");
+    daemon.accepts("start");
+    wait_until("a moving arm", || moves(&robot));
+    wait_until("a robot that says so", || status()["robot_state"] == "moving");
+    robot.inject(Fault::Stop(SafetyMode::ProtectiveStop));
+    daemon.wait_for("fault");
+    let answer = status();
+    assert!(answer["fault"].as_str().unwrap().contains("protective stop"), "{answer}");
+    assert_eq!((&answer["robot_state"], &answer["robot_code"]), (&"protective_stop".into(), &703.into()));
+    assert_at_rest(&robot);
+    let q = robot.arm().0;
+    daemon.refuses("start", "reset");
+    let mut answer = Value::Null;
+    wait_until("a reset that is taken", || {
+        let (code, taken, _) = daemon.ctl("reset");
+        answer = taken;
+        code == Some(0)
+    });
+    assert!(answer["waits_for"].as_str().unwrap().contains("5 s, Universal Robots"), "{answer}");
+    assert_eq!((&answer["state"], robot.modes().1), (&"fault".into(), SafetyMode::ProtectiveStop));
+    daemon.wait_for("idle");
+    assert_eq!((robot.modes().1, robot.modes().2), (SafetyMode::Normal, RuntimeState::Playing));
+    let way: f64 = robot.arm().0.iter().zip(&q).map(|(a, b)| (a - b).abs()).sum();
+    assert!(way < 1e-3, "{way} rad: it is held where it was stopped");
+    daemon.accepts("start");
+    let wait = ["ctl", "wait", "converged", "--timeout-s", "120", "--instance", &daemon.instance.name];
+    let wait = vservo().args(wait).output().unwrap();
+    assert_eq!(wait.status.code(), Some(0), "{wait:?}");
+
+    robot.inject(Fault::Stop(SafetyMode::RobotEmergencyStop));
+    daemon.wait_for("fault");
+    wait_until("a refusal in words", || {
+        let reason = daemon.ctl("reset").1["reason"].as_str().unwrap_or_default().to_owned();
+        reason.contains("release its button")
+    });
+    assert_eq!((&status()["state"], &status()["robot_state"]), (&"fault".into(), &"emergency_stop".into()));
+    assert_at_rest(&robot);
+    assert_ne!(robot.modes().1, SafetyMode::Normal, "nobody has cleared it");
+    daemon.accepts("shutdown");
+    let (_, printed) = daemon.ended();
+    assert!(printed.contains("the robot obeys commands again"), "{printed}");
 }
 
 #[test]

@@ -13,7 +13,7 @@ use vservo::ipc::Instance as Place;
 /// States of a later version of this program, and a command that has grown without a new name.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, ZeroCopySend)]
-#[type_name("vservo.DriveState.v3")]
+#[type_name("vservo.DriveState.v4")]
 struct LaterState {
     tick: u64,
     q: [f64; 50],
@@ -70,8 +70,8 @@ fn an_earlier_drive_of_another_version_is_refused() {
     drive.kill().unwrap();
     drive.wait().unwrap();
     assert_eq!(output.status.code(), Some(3), "{text}");
-    assert!(text.contains("service `drive/state` carries vservo.DriveState.v3 of 408 bytes"), "{text}");
-    assert!(text.contains("expects vservo.DriveState.v2 of 320 bytes"), "{text}");
+    assert!(text.contains("service `drive/state` carries vservo.DriveState.v4 of 408 bytes"), "{text}");
+    assert!(text.contains("expects vservo.DriveState.v3 of 328 bytes"), "{text}");
     instance.name.parse::<Place>().unwrap().remove_leftovers(None);
     instance.assert_gone();
 }
@@ -91,7 +91,7 @@ fn a_later_drive_must_have_the_right_version() {
     let mut wrong = drive_by_hand(&instance, "external_drive_joins::drive_of_another_version");
     let line = lines.wait_for("yet there is `processes-");
     assert!(line.contains(&format!("(process {})", wrong.id())), "{line}");
-    assert!(line.contains("drive/state` carries vservo.DriveState.v2 of 320 bytes"), "{line}");
+    assert!(line.contains("drive/state` carries vservo.DriveState.v3 of 328 bytes"), "{line}");
     assert!(line.contains("drive/command` vservo.DriveCommand.v2 of 208 bytes"), "{line}");
     wrong.kill().unwrap();
     wrong.wait().unwrap();
@@ -118,7 +118,7 @@ fn a_program_that_never_becomes_a_drive_ends_the_run() {
         ("drive.external.command=[\"sleep\", \"600\"]", &["no other program has joined this instance"][..]),
         (
             &format!("drive.external.command={other}"),
-            &["DriveState.v2 of 320 bytes", "expects vservo.DriveCommand.v2 of 208 bytes"],
+            &["DriveState.v3 of 328 bytes", "expects vservo.DriveCommand.v2 of 208 bytes"],
         ),
         (&mute, &["it is there, but does not answer START"]),
     ] {

@@ -47,6 +47,7 @@ mod replay;
 mod report;
 mod restarts;
 mod result_files;
+mod robot_states;
 mod run_ends;
 mod run_time_goals;
 mod scarcity;

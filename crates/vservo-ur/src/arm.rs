@@ -3,21 +3,23 @@
 //! ```text
 //! connect ─► make_ready (power, brakes: only where allowed) ─► start ─► next, command, next, ... ─► come_to_rest
 //!                   │ refuses in words                            │ a fault, in words: the program brakes by itself
+//!                                                                   └─ halt ─► next, recover, next, ... ─► ready: next, command, ...
 //! ```
 
+mod recovery;
 mod state;
 
+pub use recovery::Recovered;
 pub use state::{ArmSettings, ArmState, Command};
 
 use crate::clock_map::ClockMap;
 use crate::dashboard::Dashboard;
-use crate::program::{self, ProgramSettings, command, state as program_state};
+use crate::program::{ProgramSettings, command, state as program_state};
 use crate::robot::{RobotMode, RuntimeState, Series, Version};
 use crate::rtde::{DataType, Recipe, RtdeClient, RtdeSettings, nanoseconds};
 use crate::{Clock, JOINTS, Joints, UrError};
+use recovery::{Halt, send_program};
 use state::{Places, plausible, read};
-use std::io::Write;
-use std::net::{SocketAddr, TcpStream};
 use std::time::Duration;
 
 /// States in a row whose time does not go on before that is a fault. Chosen by hand: 20 ms at 500 Hz.
@@ -50,6 +52,8 @@ pub struct Arm {
     gaps: u64,
     /// Whether the program runs.
     started: bool,
+    /// What stopped it, until it was started again.
+    halt: Option<Halt>,
 }
 
 impl Arm {
@@ -94,6 +98,7 @@ impl Arm {
             standing: 0,
             gaps: 0,
             started: false,
+            halt: None,
         };
         // What the registers hold of another session must not be there when a program of that session should still run.
         arm.command(Command::Hold)?;
@@ -233,21 +238,10 @@ impl Arm {
     /// When the controller does not run it.
     pub fn start(&mut self) -> Result<(), UrError> {
         self.command(Command::Hold)?;
-        let address = SocketAddr::new(self.settings.host, program::PORT);
-        let failed = |cause| UrError::Connect {
-            what: "the robot's interface for programs",
-            address: address.to_string(),
-            cause,
-        };
-        let mut stream = TcpStream::connect_timeout(&address, self.settings.patience).map_err(failed)?;
-        stream.set_write_timeout(Some(self.settings.patience)).map_err(failed)?;
-        stream.write_all(self.program.text().as_bytes()).map_err(failed)?;
+        let _stream = send_program(&self.settings, &self.program.text())?;
         let session = self.program.session;
-        // The stream stays open until the program runs: closed with states unread it would be reset, and the program's text with it.
-        let runs = self.await_state(self.settings.patience, |s| {
-            (s.runtime == RuntimeState::Playing && s.program == [program_state::HOLDS, s.program[1], session])
-                || !s.safety.lets_move()
-        })?;
+        let runs =
+            self.await_state(self.settings.patience, |s| s.holds_for(session) || !s.safety.lets_move())?;
         match runs {
             Some(s) if !s.safety.lets_move() => Err(UrError::Stopped { safety: s.safety }),
             Some(_) => {
@@ -289,6 +283,9 @@ impl Arm {
         }
         self.standing = 0;
         self.last = Some(state);
+        if let Some(halt) = &mut self.halt {
+            halt.note(&state);
+        }
         if self.started {
             self.running(&state)?;
         }
@@ -394,7 +391,7 @@ impl Arm {
 
     /// After a fault: whatever can still be done so that the arm stands and no program waits to go on. What fails here, the program's watchdog does.
     pub fn abandon(&mut self) {
-        if !std::mem::take(&mut self.started) {
+        if !std::mem::take(&mut self.started) && self.halt.take().is_none() {
             return;
         }
         let _ = self.command(Command::End);

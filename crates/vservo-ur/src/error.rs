@@ -46,7 +46,8 @@ pub enum UrError {
     )]
     Stopped { safety: SafetyMode },
     #[error(
-        "{safety} while the arm moved; the controller has stopped it. Find the cause, then unlock the robot on the pendant"
+        "{safety} while the arm moved; the controller has stopped it. Find the cause, then unlock the robot on the pendant \
+         (a protective stop also by `vservo ctl reset`, where the run is served)"
     )]
     StoppedInMotion { safety: SafetyMode },
     #[error("the robot is no longer running ({mode}): the arm is held by its brakes")]
@@ -80,4 +81,18 @@ pub enum UrError {
     NotAtRest { seconds: f64 },
     #[error("the dashboard answers `{answer}` to `{command}`")]
     Dashboard { command: &'static str, answer: String },
+    #[error(
+        "{safety} once more after it was unlocked: find the cause; it is not unlocked again before somebody asks for that"
+    )]
+    StoppedAgain { safety: SafetyMode },
+    #[error("what was to bring the robot's program back has failed")]
+    RecoveryFailed,
+}
+
+impl UrError {
+    /// Whether the robot itself has stopped the arm or its program, and still says how it is: states go on, and it may come back.
+    #[must_use]
+    pub fn is_of_the_robot(&self) -> bool {
+        matches!(self, Self::StoppedInMotion { .. } | Self::PoweredDown { .. } | Self::ProgramEnded { .. })
+    }
 }

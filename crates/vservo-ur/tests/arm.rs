@@ -6,6 +6,7 @@ mod common;
 
 use common::{Q, assert_at_rest, clock, drive, robot, settings, started, wait_until};
 use std::time::Duration;
+use vservo_ur::arm::Recovered;
 use vservo_ur::emulator::Fault;
 use vservo_ur::{Arm, Command, RobotMode, RuntimeState, SafetyMode, Series, UrError};
 
@@ -302,4 +303,109 @@ fn the_emulator_listens_on_loopback_addresses_alone() {
         let refused = Emulator::start(settings).err().expect("a refusal");
         assert!(refused.to_string().contains("no loopback address"), "{refused}");
     }
+}
+
+/// Takes states and recovers with them for so long, s, or until it is ready or fails.
+fn recover(arm: &mut Arm, asked: bool, for_s: f64) -> Result<Recovered, UrError> {
+    let until = clock() + (for_s * 1e9) as i64;
+    while clock() < until {
+        if arm.next(Duration::from_millis(20))?.is_some() && arm.recover(asked)? == Recovered::Ready {
+            return Ok(Recovered::Ready);
+        }
+    }
+    Ok(Recovered::Not)
+}
+
+/// In motion, until the robot stops.
+fn halted(arm: &mut Arm, robot: &vservo_ur::emulator::Emulator, fault: Fault) -> UrError {
+    drive(arm, 0.4, swing).unwrap();
+    robot.inject(fault);
+    let error = drive(arm, 5.0, swing).expect_err("a fault");
+    assert!(error.is_of_the_robot(), "{error}");
+    arm.halt();
+    error
+}
+
+#[test]
+fn a_protective_stop_is_unlocked_when_that_is_asked_for() {
+    let robot = robot(Series::ESeries, true);
+    let mut arm = started(settings(&robot)).unwrap();
+    halted(&mut arm, &robot, Fault::Stop(SafetyMode::ProtectiveStop));
+    assert!(arm.is_halted());
+    assert_at_rest(&robot);
+    let q = robot.arm().0;
+    // Nobody has asked, however long ago it was.
+    assert_eq!(recover(&mut arm, false, 6.0).unwrap(), Recovered::Not);
+    assert_eq!((robot.modes().1, robot.arm().0), (SafetyMode::ProtectiveStop, q));
+    assert_eq!(recover(&mut arm, true, 15.0).unwrap(), Recovered::Ready);
+    assert!(!arm.is_halted());
+    assert_eq!(robot.modes(), (RobotMode::Running, SafetyMode::Normal, RuntimeState::Playing));
+    assert_eq!(robot.arm().0, q, "it is held");
+    drive(&mut arm, 0.5, swing).unwrap();
+    assert!(robot.arm().0[0] > q[0] + 0.05, "and obeys again");
+    // Another one has five seconds of its own.
+    halted(&mut arm, &robot, Fault::Stop(SafetyMode::ProtectiveStop));
+    let begin = clock();
+    assert_eq!(recover(&mut arm, true, 15.0).unwrap(), Recovered::Ready);
+    assert!(clock() - begin > 4_900_000_000, "the maker's five seconds");
+    arm.come_to_rest().unwrap();
+    assert_at_rest(&robot);
+    assert_eq!(robot.log(), [""; 0]);
+}
+
+#[test]
+fn what_was_stopped_on_the_pendant_starts_again_when_asked() {
+    for fault in [Fault::StopProgram, Fault::PauseProgram] {
+        let robot = robot(Series::Cb3, true);
+        let mut arm = started(settings(&robot)).unwrap();
+        halted(&mut arm, &robot, fault);
+        assert_eq!(recover(&mut arm, false, 0.5).unwrap(), Recovered::Not);
+        assert_eq!(recover(&mut arm, true, 10.0).unwrap(), Recovered::Ready, "{fault:?}");
+        arm.come_to_rest().unwrap();
+        assert_at_rest(&robot);
+    }
+}
+
+#[test]
+fn emergency_stops_and_lost_power_are_not_cleared() {
+    for fault in [Fault::Stop(SafetyMode::RobotEmergencyStop), Fault::PowerOff] {
+        let robot = robot(Series::ESeries, true);
+        let mut arm = started(settings(&robot)).unwrap();
+        halted(&mut arm, &robot, fault);
+        assert_eq!(recover(&mut arm, true, 6.0).unwrap(), Recovered::Not, "{fault:?}");
+        assert_eq!(robot.modes().0, RobotMode::PowerOff, "{fault:?}");
+        arm.abandon();
+        assert_at_rest(&robot);
+    }
+}
+
+#[test]
+fn a_robot_that_refuses_to_come_back_says_why_once() {
+    let robot = robot(Series::ESeries, true);
+    let mut arm = started(settings(&robot)).unwrap();
+    halted(&mut arm, &robot, Fault::StopProgram);
+    robot.inject(Fault::LocalControl);
+    let error = recover(&mut arm, true, 10.0).expect_err("local control");
+    assert!(error.to_string().contains("choose remote control on the pendant"), "{error}");
+    assert_eq!(recover(&mut arm, true, 0.5).unwrap(), Recovered::Not, "told once");
+    assert_eq!(recover(&mut arm, false, 0.2).unwrap(), Recovered::Not);
+    assert!(recover(&mut arm, true, 10.0).is_err(), "tried again when it is asked for again");
+}
+
+#[test]
+fn a_stop_that_follows_an_unlocking_is_not_unlocked_too() {
+    let robot = robot(Series::ESeries, true);
+    let mut arm = started(settings(&robot)).unwrap();
+    halted(&mut arm, &robot, Fault::Stop(SafetyMode::ProtectiveStop));
+    let until = clock() + 20_000_000_000;
+    while robot.modes().1 == SafetyMode::ProtectiveStop {
+        assert!(clock() < until, "it is never unlocked");
+        assert_eq!(recover(&mut arm, true, 0.02).unwrap(), Recovered::Not);
+    }
+    // What made it stop is still there.
+    robot.inject(Fault::Stop(SafetyMode::ProtectiveStop));
+    let words = recover(&mut arm, true, 20.0).expect_err("no way on").to_string();
+    assert!(words.contains("protective stop"), "{words}");
+    assert_eq!(recover(&mut arm, true, 6.0).unwrap(), Recovered::Not);
+    assert_eq!(robot.modes().1, SafetyMode::ProtectiveStop);
 }

@@ -83,9 +83,11 @@ impl<const N: usize> Controller<N> {
         self.fault == Some(Fault::Contact) && self.reaction == ContactReaction::Float
     }
 
-    /// Whether the arm moves on in a fault: what sinks slowly is not held by what was learnt before; what pressed against something is.
+    /// Whether the arm moves on in a fault: what sinks slowly is not held by what was learnt before; what pressed against something is, and what the robot's
+    /// own brakes hold.
     pub(super) fn sinks(&self) -> bool {
-        self.fault != Some(Fault::Contact) && !self.rest_watch.is_at_rest()
+        let is_held = self.fault.is_some_and(|fault| fault == Fault::Contact || fault.is_of_robot());
+        !is_held && !self.rest_watch.is_at_rest()
     }
 
     /// The contact that stopped the arm last.

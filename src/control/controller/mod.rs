@@ -405,7 +405,7 @@ impl<const N: usize> Controller<N> {
     }
 
     fn note_rest(&mut self, now: MonoNs, seen: bool) {
-        let brakes = matches!(self.state, State::Stopping | State::Failing | State::Fault);
+        let brakes = matches!(self.state, State::Stopping | State::Failing | State::Fault | State::Clearing);
         let since = *self.brakes_since.get_or_insert(now);
         self.brakes_since = brakes.then_some(since);
         // From `v <= J T^2` braking takes at most two ticks `T`, and in one tick it changes the acceleration by at most

@@ -24,8 +24,7 @@ impl<const N: usize> Controller<N> {
             Step::Stay => Ok(()),
             Step::To(next) => {
                 if request == Request::Reset {
-                    (self.fault, self.failure) = (None, None);
-                    self.encoder_watch.restart();
+                    self.forget_fault();
                 }
                 if matches!(request, Request::Start | Request::Reset) {
                     self.restore_gain();
@@ -36,6 +35,32 @@ impl<const N: usize> Controller<N> {
                 Ok(())
             }
         }
+    }
+
+    /// The fault is to be reset when the robot has cleared its error: until then the arm rests in the state `Clearing`.
+    pub fn await_robot(&mut self) {
+        self.cue(Cue::RobotClears);
+    }
+
+    /// The robot has cleared its error, or does not: the end of [`Self::await_robot`].
+    pub fn robot_answered(&mut self, is_ready: bool) {
+        // What has failed at this tick comes before: the next step takes it in.
+        if self.state != State::Clearing || self.failure.is_some() {
+            return;
+        }
+        self.events.push(if is_ready { Event::RobotReady } else { Event::RobotNotCleared });
+        self.cue(if is_ready { Cue::RobotReady } else { Cue::RobotStays });
+        if is_ready {
+            self.forget_fault();
+            self.restore_gain();
+            self.servo.restore_gain();
+            self.servo.restart_path();
+        }
+    }
+
+    fn forget_fault(&mut self) {
+        (self.fault, self.failure) = (None, None);
+        self.encoder_watch.restart();
     }
 
     /// Reports a fault from outside the controller. The first fault is the one that is kept.

@@ -3,7 +3,7 @@
 use super::*;
 use std::collections::{HashMap, HashSet};
 
-const CUES: [Cue; 18] = [
+const CUES: [Cue; 21] = [
     Cue::Request(Request::Start),
     Cue::Request(Request::Hold),
     Cue::Request(Request::Teach),
@@ -22,22 +22,26 @@ const CUES: [Cue; 18] = [
     Cue::Arrived,
     Cue::AtRest,
     Cue::Failed,
+    Cue::RobotClears,
+    Cue::RobotReady,
+    Cue::RobotStays,
 ];
 
 /// A row for each state and a column for each cue: `.` where nothing happens, the first letters of the next state, or a refusal in capitals.
 const TABLE: &str = "
-          start     hold      teach     reset     stop      shutdown  goal      goto      jog       set       in_view   no_view   way_back  returned  taught    arrived   at_rest   failed
-Idle      Waiting   NOSTART   Teaching  NOFAULT   .         Stopping  .         Moving    Moving    .         .         .         .         .         .         .         .         Failing
-Waiting   STARTED   Held      Teaching  NOFAULT   Stopping  Stopping  .         Moving    Moving    .         Servoing  .         .         .         .         .         .         Failing
-Teaching  TEACHING  Held      .         NOFAULT   Stopping  Stopping  TEACHING  TEACHING  TEACHING  .         .         .         .         .         Held      .         .         Failing
-Servoing  STARTED   Held      Teaching  NOFAULT   Stopping  Stopping  .         Moving    Moving    .         .         Holding   .         .         .         .         .         Failing
-Holding   STARTED   Held      Teaching  NOFAULT   Stopping  Stopping  .         Moving    Moving    .         Servoing  .         Returning .         .         .         .         Failing
-Returning STARTED   Held      Teaching  NOFAULT   Stopping  Stopping  .         Moving    Moving    .         Servoing  .         .         Holding   .         .         .         Failing
-Moving    MOVING    Held      MOVING    NOFAULT   Stopping  Stopping  .         .         .         .         .         .         .         .         .         Held      .         Failing
-Held      Waiting   .         Teaching  NOFAULT   Stopping  Stopping  .         Moving    Moving    .         .         .         .         .         .         .         .         Failing
-Stopping  MOVING    MOVING    MOVING    NOFAULT   .         .         .         MOVING    MOVING    .         .         .         .         .         .         .         Idle      Failing
-Failing   INFAULT   INFAULT   INFAULT   MOVING    .         .         INFAULT   INFAULT   INFAULT   .         .         .         .         .         .         .         Fault     .
-Fault     INFAULT   INFAULT   INFAULT   Idle      .         .         INFAULT   INFAULT   INFAULT   .         .         .         .         .         .         .         .         .
+          start     hold      teach     reset     stop      shutdown  goal      goto      jog       set       in_view   no_view   way_back  returned  taught    arrived   at_rest   failed    clears    ready     stays
+Idle      Waiting   NOSTART   Teaching  NOFAULT   .         Stopping  .         Moving    Moving    .         .         .         .         .         .         .         .         Failing   .         .         .
+Waiting   STARTED   Held      Teaching  NOFAULT   Stopping  Stopping  .         Moving    Moving    .         Servoing  .         .         .         .         .         .         Failing   .         .         .
+Teaching  TEACHING  Held      .         NOFAULT   Stopping  Stopping  TEACHING  TEACHING  TEACHING  .         .         .         .         .         Held      .         .         Failing   .         .         .
+Servoing  STARTED   Held      Teaching  NOFAULT   Stopping  Stopping  .         Moving    Moving    .         .         Holding   .         .         .         .         .         Failing   .         .         .
+Holding   STARTED   Held      Teaching  NOFAULT   Stopping  Stopping  .         Moving    Moving    .         Servoing  .         Returning .         .         .         .         Failing   .         .         .
+Returning STARTED   Held      Teaching  NOFAULT   Stopping  Stopping  .         Moving    Moving    .         Servoing  .         .         Holding   .         .         .         Failing   .         .         .
+Moving    MOVING    Held      MOVING    NOFAULT   Stopping  Stopping  .         .         .         .         .         .         .         .         .         Held      .         Failing   .         .         .
+Held      Waiting   .         Teaching  NOFAULT   Stopping  Stopping  .         Moving    Moving    .         .         .         .         .         .         .         .         Failing   .         .         .
+Stopping  MOVING    MOVING    MOVING    NOFAULT   .         .         .         MOVING    MOVING    .         .         .         .         .         .         .         Idle      Failing   .         .         .
+Failing   INFAULT   INFAULT   INFAULT   MOVING    .         .         INFAULT   INFAULT   INFAULT   .         .         .         .         .         .         .         Fault     .         .         .         .
+Fault     INFAULT   INFAULT   INFAULT   Idle      .         .         INFAULT   INFAULT   INFAULT   .         .         .         .         .         .         .         .         .         Clearing  .         .
+Clearing  INFAULT   INFAULT   INFAULT   .         Fault     Fault     INFAULT   INFAULT   INFAULT   .         .         .         .         .         .         .         .         Fault     .         Idle      Fault
 ";
 
 fn step_of(word: &str) -> Step {
@@ -82,7 +86,15 @@ fn the_arm_servoes_only_after_a_start_and_never_from_a_fault() {
     // Without a request for it nothing moves, whatever else happens.
     const SENDS: [Cue; 3] =
         [Cue::Request(Request::Start), Cue::Request(Request::Goto), Cue::Request(Request::Jog)];
-    for from in [State::Idle, State::Fault, State::Failing, State::Stopping, State::Held, State::Teaching] {
+    for from in [
+        State::Idle,
+        State::Fault,
+        State::Clearing,
+        State::Failing,
+        State::Stopping,
+        State::Held,
+        State::Teaching,
+    ] {
         let (mut seen, mut open) = (HashSet::from([from]), vec![from]);
         while let Some(state) = open.pop() {
             for cue in CUES.into_iter().filter(|cue| !SENDS.contains(cue)) {
@@ -94,6 +106,22 @@ fn the_arm_servoes_only_after_a_start_and_never_from_a_fault() {
             }
         }
         assert!(!seen.iter().any(|state| state.moves()), "{from:?}: {seen:?}");
+    }
+}
+
+/// A fault is left by a reset, or by a robot that has cleared its error after one; never by anything else.
+#[test]
+fn nothing_but_a_reset_leads_out_of_a_fault() {
+    for state in [State::Failing, State::Fault, State::Clearing] {
+        for cue in CUES {
+            let Step::To(next) = state.next(cue) else { continue };
+            let faults = [State::Fault, State::Clearing];
+            let way_out = [(State::Fault, Cue::Request(Request::Reset)), (State::Clearing, Cue::RobotReady)];
+            assert!(faults.contains(&next) || way_out.contains(&(state, cue)), "{state:?} {cue:?}");
+        }
+    }
+    for state in State::ALL.into_iter().filter(|state| *state != State::Fault) {
+        assert!(!CUES.into_iter().any(|cue| state.next(cue) == Step::To(State::Clearing)), "{state:?}");
     }
 }
 

@@ -23,6 +23,7 @@
 //! | the companion takes no trace for 3 s | likewise: no measurement and no order arrives any more, and nothing else would end the run |
 //! | lockstep: a measurement does not come for 10 s | reference slows down, arm holds, run ends as fault |
 //! | external drive: states stop, drive leaves, hangs or answers out of step | as for NaN; in lockstep, where no state comes without a drive, the run is over |
+//! | external drive: the robot reports a protective or an emergency stop, lost power, closed brakes, a fault, or that what obeys commands was stopped | a fault in these words, in the tick of that state; the reference slows down and goes to the measured arm |
 //!
 //! A served run does not end by a fault: the arm stands, and waits for a reset.
 
@@ -40,6 +41,7 @@ pub use freshness::{Freshness, MeasurementWatch};
 pub use rest::RestWatch;
 
 use crate::drive::DriveFault;
+use crate::messages::RobotState;
 use crate::servo::MountError;
 
 /// The same words for each turn of a camera.
@@ -100,11 +102,21 @@ pub enum Fault {
     CommandsRefused,
     /// Real time: the thread beside the real-time thread takes no traces any more.
     CompanionSilent,
+    /// The robot has stopped the arm by a protective stop.
+    RobotProtectiveStop,
+    /// The robot is in an emergency stop.
+    RobotEmergencyStop,
+    /// The robot has no power, or its brakes are closed.
+    RobotOff,
+    /// The robot has a fault of its own.
+    RobotError,
+    /// What obeys commands on the robot was stopped.
+    RobotHalted,
 }
 
 impl Fault {
     /// All faults, with their codes in the protocol of the messages; those of a drive are 17 to 20. A code never changes its meaning.
-    const CODES: [(Self, u32); 25] = [
+    const CODES: [(Self, u32); 30] = [
         (Self::DriveStateNotFinite, 1),
         (Self::DriveStateImplausible, 2),
         (Self::TrackingError, 3),
@@ -126,11 +138,29 @@ impl Fault {
         (Self::EncoderFrozen, 24),
         (Self::LeavesWorkspace, 30),
         (Self::TooFastInSpace, 31),
+        (Self::RobotProtectiveStop, 32),
+        (Self::RobotEmergencyStop, 33),
+        (Self::RobotOff, 34),
+        (Self::RobotError, 35),
+        (Self::RobotHalted, 36),
         (Self::Drive(DriveFault::Stale), 17),
         (Self::Drive(DriveFault::Left), 18),
         (Self::Drive(DriveFault::Silent), 19),
         (Self::Drive(DriveFault::OutOfStep), 20),
     ];
+
+    /// That of a robot in this state; `None` where commands are obeyed, as far as is known.
+    #[must_use]
+    pub fn of_robot(state: RobotState) -> Option<Self> {
+        match state {
+            RobotState::Unknown | RobotState::Ready | RobotState::Moving | RobotState::Reduced => None,
+            RobotState::ProtectiveStop => Some(Self::RobotProtectiveStop),
+            RobotState::EmergencyStop => Some(Self::RobotEmergencyStop),
+            RobotState::Off | RobotState::Braked | RobotState::Enabling => Some(Self::RobotOff),
+            RobotState::Fault => Some(Self::RobotError),
+            RobotState::Halted => Some(Self::RobotHalted),
+        }
+    }
 
     /// That of a camera whose mount is wrong.
     #[must_use]
@@ -159,6 +189,19 @@ impl Fault {
     #[must_use]
     pub fn blinds(self) -> bool {
         matches!(self, Self::DriveStateNotFinite | Self::DriveStateImplausible | Self::Drive(_))
+    }
+
+    /// Whether the robot has stopped the arm by itself.
+    #[must_use]
+    pub fn is_of_robot(self) -> bool {
+        matches!(
+            self,
+            Self::RobotProtectiveStop
+                | Self::RobotEmergencyStop
+                | Self::RobotOff
+                | Self::RobotError
+                | Self::RobotHalted
+        )
     }
 
     /// The description, for people.
@@ -217,6 +260,22 @@ impl Fault {
             Self::TooFastInSpace => {
                 "camera or flange were commanded to be faster than [workspace] allows, by a tenth and for 0.1 s: this is a defect of the program"
             }
+            Self::RobotProtectiveStop => {
+                "the robot reports a protective stop, by which it has stopped the arm itself: find its cause at the robot; `vservo ctl reset` has \
+                 it unlocked"
+            }
+            Self::RobotEmergencyStop => {
+                "the robot reports an emergency stop: release its button, power the robot and open its brakes at the robot, then `vservo ctl reset`"
+            }
+            Self::RobotOff => {
+                "the robot reports that it has no power or closed brakes: see to that at the robot, then `vservo ctl reset`"
+            }
+            Self::RobotError => {
+                "the robot reports a fault of its own: see to it at the robot, whose log tells which, then `vservo ctl reset`"
+            }
+            Self::RobotHalted => {
+                "the robot reports that what obeys commands there was stopped: `vservo ctl reset` has it started again"
+            }
             Self::StopLatched => {
                 "a stop was latched from outside: see to its reason, then `vservo ctl reset`"
             }
@@ -246,5 +305,15 @@ mod tests {
             Fault::CODES.len()
         );
         assert_eq!(Fault::from_code(0), None);
+    }
+
+    #[test]
+    fn a_robot_that_obeys_has_no_fault_and_every_other_has_one() {
+        for state in RobotState::ALL {
+            let fault = Fault::of_robot(state);
+            assert_eq!(fault.is_none(), state.obeys(), "{state:?}");
+            assert!(!fault.is_some_and(Fault::blinds), "{state:?}: its joints are measured as before");
+            assert!(fault.is_none_or(Fault::is_of_robot), "{state:?}");
+        }
     }
 }

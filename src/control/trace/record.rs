@@ -31,7 +31,7 @@ impl Trace {
             outcome: self.finish.map_or(0, |finish| finish.outcome.code()),
             events: self.events.iter().fold(0, |bits, event| bits | 1 << event_number(event)),
             orders: self.orders,
-            flags: self.inputs,
+            flags: self.inputs | (self.robot.state as u32) << trace_flag::ROBOT_STATE,
             limits,
             q: js.q,
             qd: js.qd,
@@ -94,7 +94,7 @@ pub fn event_words(events: u32) -> impl Iterator<Item = &'static str> {
 }
 
 /// [`Event::as_str`] by [`event_number`].
-const EVENT_WORDS: [&str; 18] = [
+const EVENT_WORDS: [&str; 20] = [
     "holding",
     "resumed",
     "stopping",
@@ -113,6 +113,8 @@ const EVENT_WORDS: [&str; 18] = [
     "motion_over",
     "goal_left",
     "arrived",
+    "robot_ready",
+    "robot_not_cleared",
 ];
 
 fn event_number(event: Event) -> u32 {
@@ -135,6 +137,8 @@ fn event_number(event: Event) -> u32 {
         Event::MotionOver => 15,
         Event::GoalLeft => 16,
         Event::Arrived => 17,
+        Event::RobotReady => 18,
+        Event::RobotNotCleared => 19,
     }
 }
 
@@ -165,6 +169,8 @@ mod tests {
             MotionOver,
             GoalLeft,
             Arrived,
+            RobotReady,
+            RobotNotCleared,
         ];
         for event in all {
             let words: Vec<_> = event_words(1 << event_number(event)).collect();

@@ -10,7 +10,7 @@
 
 use super::arm::{ArmFacts, JointFacts};
 use crate::drive::CommandMode;
-use crate::messages::{DriveStateMsg, MAX_JOINTS};
+use crate::messages::{DriveStateMsg, MAX_JOINTS, RobotState};
 use crate::time::SpanNs;
 use std::f64::consts::PI;
 
@@ -185,9 +185,13 @@ impl TrialPlan {
     }
 }
 
-/// Why the trial must be given up: the arm is not where its reference is, or its state is not finite.
+/// Why the trial must be given up: the robot obeys no commands, the arm is not where its reference is, or its state is not finite.
 #[must_use]
 pub fn departs(arm: &ArmFacts, q_r: &[f64; MAX_JOINTS], state: &DriveStateMsg) -> Option<String> {
+    let robot = RobotState::from_code(state.robot_state);
+    if !robot.obeys() {
+        return Some(format!("the robot reports {} ({}): given up", robot.as_str(), state.robot_code));
+    }
     let joints = arm.joints.iter().zip(q_r.iter().zip(&state.q)).zip(1..);
     for ((joint, (q_r, q)), number) in joints {
         // In this form a number that is none departs too.

@@ -53,6 +53,9 @@ rules! {
     /// Flags have known bits, INITIAL only answers START, and the arm is 0.
     Flags: "flags and arm",
         "use TRUTH and INITIAL alone, INITIAL in answers to START alone, and arm 0";
+    /// The state of the robot is one that there is.
+    RobotState: "state of the robot",
+        "put a code of the list into `robot_state`, or 0 where the drive does not know: control takes an unknown one for a fault";
     /// Every number of a state is finite.
     Finite: "finite numbers",
         "send no state while the robot's values are not known, and zeros where nothing is measured";

@@ -3,7 +3,7 @@
 use super::log::{DriveLog, OTHER_CLOCK, ProgramExit, ReceivedState, SentCommand};
 use super::rule::{DriveRule, TrialFindings};
 use crate::drive::CommandMode;
-use crate::messages::{DriveStateMsg, drive_flag};
+use crate::messages::{DriveStateMsg, RobotState, drive_flag};
 use crate::time::{MonoNs, SpanNs, TICK};
 
 /// Positions may be beyond a limit of the robot file by this, rad or m. Chosen by hand: files round their limits to hundredths.
@@ -119,6 +119,19 @@ pub(super) fn contents(log: &DriveLog, findings: &mut TrialFindings) {
     let broken =
         broken.or_else(|| (answers > starts).then(|| format!("{answers} INITIAL after {starts} STARTs")));
     findings.say(DriveRule::Flags, broken, "known ones");
+
+    let mut told: Vec<RobotState> = Vec::new();
+    for state in log.received.iter().map(|r| RobotState::from_code(r.state.robot_state)) {
+        if !told.contains(&state) {
+            told.push(state);
+        }
+    }
+    let broken = first(log, |s| {
+        let is_known = RobotState::ALL.iter().any(|state| *state as u32 == s.robot_state);
+        (!is_known).then(|| format!("there is no robot_state {}", s.robot_state))
+    });
+    let names = told.into_iter().map(RobotState::as_str).collect::<Vec<_>>().join(", ");
+    findings.say(DriveRule::RobotState, broken, if names == "unknown" { "not told".into() } else { names });
 
     // Whatever a drive makes of numbers that it should have refused is that rule's matter.
     let broken = first(log, |s| {

@@ -49,7 +49,7 @@ fn the_newest_state_counts_with_its_truth() {
     assert_eq!(s.truth, Some((Vector2::new(0.7, 0.7), Vector2::zeros())));
     wire.state(0, 0.9, 0);
     assert_eq!(d.read(at(2)).q, s.q, "an older state does not replace a newer one");
-    assert_eq!(d.health(), DriveHealth { late_states: 1, fault: None });
+    assert_eq!(d.health(), DriveHealth { late_states: 1, ..Default::default() });
 }
 
 #[test]
@@ -59,7 +59,7 @@ fn late_states_are_counted_and_stale_ones_are_a_fault() {
     wire.state(100, 0.1, 0);
     for ms in 100..=120 {
         d.read(at(ms));
-        assert_eq!(d.health(), DriveHealth { late_states: (ms - 100) as u64, fault: None }, "{ms}");
+        assert_eq!(d.health(), DriveHealth { late_states: (ms - 100) as u64, ..Default::default() }, "{ms}");
     }
     wire.state(118, 0.2, 0);
     d.read(at(121));
@@ -124,4 +124,30 @@ fn a_state_of_another_arm_is_a_fault() {
     wire.0.lock().unwrap().0[0].joints = 3;
     assert_eq!(d.read(at(0)).q, Vector2::new(7.0, 7.0));
     assert_eq!(d.health().fault, Some(DriveFault::OutOfStep));
+}
+
+#[test]
+fn the_robot_is_heard_and_asked_to_clear_its_error() {
+    let wire = Wire::default();
+    let mut d = drive(&wire);
+    let hears = |d: &mut ExternalDrive<2>, ms: i64, robot_state: u32| {
+        let m =
+            DriveStateMsg { stamp: at(ms), joints: 2, robot_state, robot_code: 703, ..Default::default() };
+        wire.0.lock().unwrap().0.push_back(m);
+        d.read(at(ms));
+        d.health().robot
+    };
+    let command = DriveCommand { tau: Vector2::zeros(), q_r: Vector2::zeros(), qd_r: Vector2::zeros() };
+    assert_eq!(d.health().robot, RobotReport::default(), "nothing was told");
+    let stop = RobotReport { state: RobotState::ProtectiveStop, code: 703 };
+    assert_eq!(hears(&mut d, 1, 6), stop);
+    assert_eq!(d.health().fault, None, "its states are as good as before");
+    assert_eq!(hears(&mut d, 2, 99).state, RobotState::Fault, "a code that nobody knows");
+    d.write(&command);
+    d.clear_robot(true);
+    d.write(&command);
+    d.clear_robot(false);
+    d.write(&command);
+    let flags: Vec<_> = wire.sent().iter().map(|c| c.flags).collect();
+    assert_eq!(flags, [0, drive_flag::CLEAR, 0]);
 }

@@ -110,6 +110,9 @@ impl Commands {
         standing.state = trace.state as u32;
         standing.fault = trace.fault.map_or(0, crate::control::safety::Fault::code);
         standing.tick = js.tick;
+        (standing.robot_state, standing.robot_code) = (trace.robot.state as u32, trace.robot.code);
+        standing.flags &= !answer_flag::CLEARING;
+        standing.flags |= if trace.clears { answer_flag::CLEARING } else { 0 };
         self.noted = trace.time;
         self.ticks += 1;
         standing.joints = js.joints.min(MAX_JOINTS as u32);
@@ -233,6 +236,10 @@ impl Commands {
         }
         // The trace of that tick may come later than the next question.
         self.standing.state = answered.state as u32;
+        // A reset that was accepted and is not done waits for the robot.
+        let waits =
+            command.request == Request::Reset as u32 && refusal == 0 && answered.state == ControlState::Fault;
+        self.standing.flags |= if waits { answer_flag::CLEARING } else { 0 };
         asked.answer(&ControlAnswer { request: command.request, refusal, ..self.standing });
         let record = RequestMsg {
             sequence: self.answered,

@@ -1,6 +1,7 @@
 //! What an arm is told to be, and what it tells: settings, commands, states.
 
 use crate::clock_map::ClockMap;
+use crate::program::state as program_state;
 use crate::robot::{RobotMode, RuntimeState, SafetyMode};
 use crate::rtde::Recipe;
 use crate::{Clock, Joints, UrError};
@@ -105,6 +106,13 @@ impl ArmState {
     #[must_use]
     pub fn rests(&self) -> bool {
         self.qd.iter().all(|v| v.abs() < REST_RAD_S)
+    }
+
+    /// Whether the program of this session runs, and holds the arm.
+    #[must_use]
+    pub fn holds_for(&self, session: i32) -> bool {
+        let [does, _, of] = self.program;
+        self.runtime == RuntimeState::Playing && does == program_state::HOLDS && of == session
     }
 }
 

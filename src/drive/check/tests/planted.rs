@@ -72,6 +72,13 @@ pub(super) fn violations() -> Vec<(&'static str, DriveTrial, Tweak, Change, Vec<
             },
             vec![R::Flags],
         ),
+        (
+            "a state that no robot has",
+            Motion,
+            |s, t| s.robot_state = if t > 900.0 { 11 } else { 1 },
+            NO_CHANGE,
+            vec![R::RobotState],
+        ),
         ("another arm", Motion, |s, _| s.arm = 1, NO_CHANGE, vec![R::Flags]),
         (
             "a torque that is none",

@@ -1,0 +1,113 @@
+//! Robots that stop by themselves, as their drives tell it: a fault in the robot's words, in which the arm rests, and which a reset ends where the robot lets it.
+
+#![allow(clippy::unwrap_used)]
+
+use crate::common::{assert_accurate, vservo, wait_until};
+use crate::drive::{command, external};
+use crate::serve::Daemon;
+use serde_json::Value;
+
+const LOCKSTEP: [&str; 2] = ["--clock", "lockstep"];
+
+fn daemon(test: &str, behaviour: &str, extra: &[&str]) -> Daemon {
+    let command = command(behaviour);
+    let daemon = Daemon::start(test, &[&["--set", "drive.kind=external", "--set", &command], extra].concat());
+    // It answers while it still waits for its drive, too.
+    wait_until("a robot that is ready", || words(&status(&daemon), "robot_state") == "ready");
+    daemon
+}
+
+fn status(daemon: &Daemon) -> Value {
+    daemon.ctl("status").1
+}
+
+fn words<'a>(answer: &'a Value, key: &str) -> &'a str {
+    answer[key].as_str().unwrap_or_default()
+}
+
+/// How far apart two postures are, rad or m.
+fn apart(a: &Value, b: &Value) -> f64 {
+    let [a, b] = [a, b].map(|answer| answer["q_rad_or_m"].as_array().unwrap());
+    a.iter().zip(b).map(|(a, b)| (a.as_f64().unwrap() - b.as_f64().unwrap()).abs()).fold(0.0, f64::max)
+}
+
+/// In lockstep and by the clock: the fault is the robot's and no other, the arm rests where the robot stopped it, nothing starts, and a reset has the robot cleared.
+#[test]
+fn a_protective_stop_is_a_fault_that_a_reset_has_cleared() {
+    for clock in ["lockstep", "realtime"] {
+        let folder = tempfile::tempdir().unwrap();
+        let recording = folder.path().join("run.mcap");
+        let record = ["--clock", clock, "--record", recording.to_str().unwrap()];
+        let daemon = daemon("robotstop", "protective_stop", &record);
+        daemon.accepts("start");
+        daemon.wait_for("fault");
+        let answer = status(&daemon);
+        assert!(words(&answer, "fault").contains("protective stop"), "{answer}");
+        assert_eq!((words(&answer, "robot_state"), &answer["robot_code"]), ("protective_stop", &42.into()));
+        assert_eq!(answer["waits_for"], Value::Null, "nobody has asked: {answer}");
+        daemon.refuses("start", "reset");
+        wait_until("a reset that is taken", || daemon.ctl("reset").0 == Some(0));
+        let wait = ["ctl", "wait", "state=idle", "--timeout-s", "60", "--instance", &daemon.instance.name];
+        let wait = vservo().args(wait).output().unwrap();
+        assert_eq!(wait.status.code(), Some(0), "{wait:?}");
+        let rested = status(&daemon);
+        // Under torques an arm gives way by some milliradians when its brakes open.
+        assert!(apart(&answer, &rested) < 1e-2, "it was held where it was stopped: {answer} {rested}");
+        assert_eq!((&rested["fault"], words(&rested, "robot_state")), (&Value::Null, "ready"));
+        daemon.accepts("start");
+        let wait = vservo()
+            .args(["ctl", "wait", "converged", "--timeout-s", "120", "--instance", &daemon.instance.name])
+            .output()
+            .unwrap();
+        assert_eq!(wait.status.code(), Some(0), "{wait:?}");
+        daemon.accepts("shutdown");
+        let (code, printed) = daemon.ended();
+        assert_eq!(code, Some(0), "{printed}");
+        assert!(printed.contains("the robot obeys commands again"), "{printed}");
+        let replay = vservo().arg("replay").arg(&recording).output().unwrap();
+        let told = String::from_utf8_lossy(&replay.stdout).into_owned();
+        assert_eq!(replay.status.code(), Some(0), "{told}{}", String::from_utf8_lossy(&replay.stderr));
+    }
+}
+
+#[test]
+fn an_emergency_stop_is_not_cleared_from_here() {
+    let daemon = daemon("robotestop", "emergency_stop", &LOCKSTEP);
+    daemon.accepts("start");
+    daemon.wait_for("fault");
+    let before = status(&daemon);
+    assert!(words(&before, "fault").contains("emergency stop"), "{before}");
+    wait_until("an arm that stands", || {
+        let (_, answer, _) = daemon.ctl("reset");
+        words(&answer, "reason").contains("release its button")
+    });
+    daemon.refuses("reset", "power the robot and open its brakes at the robot");
+    let after = status(&daemon);
+    assert_eq!((words(&after, "state"), words(&after, "robot_state")), ("fault", "emergency_stop"));
+    assert_eq!(before["q_rad_or_m"], after["q_rad_or_m"]);
+    daemon.accepts("shutdown");
+    daemon.ended();
+}
+
+#[test]
+fn a_plain_run_ends_by_a_stop_of_the_robot_in_its_words() {
+    for (behaviour, expected) in [
+        ("protective_stop", "the robot reports a protective stop"),
+        ("emergency_stop", "the robot reports an emergency stop"),
+        ("unknown_state", "the robot reports a fault of its own"),
+    ] {
+        for clock in ["lockstep", "realtime"] {
+            let r = external("robotends", behaviour, &["--clock", clock]);
+            assert_eq!(r.output.status.code(), Some(4), "{}", r.text());
+            let reason = r.summary["reason"].as_str().unwrap();
+            assert!(reason.contains(expected), "{behaviour}: {reason}");
+        }
+    }
+}
+
+#[test]
+fn a_drive_that_tells_nothing_of_its_robot_is_as_before() {
+    let [told, silent] = ["", "knows_no_states"].map(|behaviour| external("robottold", behaviour, &LOCKSTEP));
+    assert_accurate(&silent);
+    assert_eq!(told.summary["state_hash"], silent.summary["state_hash"]);
+}
