@@ -125,7 +125,9 @@ fn a_dead_motor_is_not_made_up_for_by_the_others() {
     for (arm, upright) in [("ur5", &[0_usize][..]), ("panda", &[0]), ("xarm7", &[0]), ("scara-b", &[0, 1, 3])]
     {
         let config = Config::load(Some(Path::new(arm)), &[]).unwrap();
-        for joint in (0..config.robot.joints.len()).filter(|joint| config.robot.joints[*joint].kind != JointKind::Prismatic) {
+        for joint in (0..config.robot.joints.len())
+            .filter(|joint| config.robot.joints[*joint].kind != JointKind::Prismatic)
+        {
             let fault = format!(
                 "faults=[{{kind=\"torque_loss\",share=1.0,from_s=0.5,duration_s=100.0,joint={joint}}}]"
             );
