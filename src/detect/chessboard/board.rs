@@ -2,6 +2,7 @@
 
 mod check;
 mod ends;
+mod floor;
 
 pub(super) use ends::BoardSide;
 

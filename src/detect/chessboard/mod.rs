@@ -296,9 +296,13 @@ impl ChessboardFinder {
                     let fitted = self.board.fit(image, blur);
                     self.board.refit_small(image, blur);
                     let beyond = self.board.beyond(image);
+                    let ends = fitted == count && beyond.iter().all(|side| *side == BoardSide::End);
                     if fitted < least {
                         why = telling(why, ChessboardMiss::TooFewCorners);
-                    } else if beyond.contains(&BoardSide::More) || self.board.goes_on_behind(image) {
+                    } else if beyond.contains(&BoardSide::More)
+                        || self.board.goes_on_behind(image)
+                        || (!ends && self.board.is_part_of_floor(self.detector.corners(), scale))
+                    {
                         why = telling(why, ChessboardMiss::TooLarge);
                     } else if !beyond.contains(&BoardSide::End) || !self.is_bounded(fitted == count) {
                         // it may go on outside the image, or under what covers a part of it

@@ -57,6 +57,9 @@ const STEEP: f64 = 2.32;
 /// Standard deviation added to corners of narrow-celled tags for which the fit of the whole tag failed, in deviations of the blur. Chosen by hand: that
 /// of a side at two blurs a cell is 0.13 (`side::DOUBT`); half and double scale what is stated of such corners, and nothing else.
 const UNFITTED_BLURS: f64 = 0.15;
+/// The same where the paper is clipped: of a step that is cut off at a share `p` of its contrast half of what is left is reached `z` deviations before its middle,
+/// `F(z) = p / 2`, 0.2 to 1.1 for `p` of 0.8 to 0.3. Half and double scale what is stated of such corners, and nothing else.
+const UNFITTED_CLIPPED_BLURS: f64 = 0.7;
 
 /// One tag in a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -364,8 +367,11 @@ fn read(
             }
         }
         (None, _) => {
-            let blurred = corners.cell_blurs < SHARP_CELL_BLURS;
-            let corners = if blurred { corners.doubted(UNFITTED_BLURS) } else { corners };
+            let corners = match (decoded.clipped, corners.cell_blurs < SHARP_CELL_BLURS) {
+                (true, _) => corners.doubted(UNFITTED_CLIPPED_BLURS),
+                (false, true) => corners.doubted(UNFITTED_BLURS),
+                (false, false) => corners,
+            };
             corrected(image, &corners, &decoded.pattern, believed).unwrap_or(corners)
         }
     };

@@ -26,6 +26,7 @@
 //! | clipped | Paper at the last grey level, whose true lightness is unknown. |
 //! | stated | The covariance that is reported with a corner. |
 
+mod clipped;
 mod codebook;
 mod decode;
 mod edge_growth;

@@ -14,7 +14,7 @@ use super::whole_model::{
     BLUR, CHUNK, COLUMNS, CONTRAST, COUNT, GAMMA, GROUND, INK, LIGHT, RowProducts, TagImage, TagJacobian,
     TagModel, TagPixels, accumulate, field,
 };
-use crate::imaging::{ImageView, MAX_LEVEL};
+use crate::imaging::ImageView;
 use crate::linalg::{Eight, Ldlt};
 use nalgebra::Vector2;
 
@@ -30,6 +30,17 @@ const BLOCKS: usize = 256;
 /// Most steps. Chosen by hand: steps converge as squares, so that from half a cell three or four are enough; a tag that needs more does not look as
 /// it should. Half gives blurred tags up, the double only takes time for things that are no tags.
 const STEPS: usize = 6;
+/// Most steps where paper is clipped. Contrast, blur and gamma then begin far off and take 6 to 11 steps to come along a valley (measured on paper at 262 to
+/// 600 levels). Half gives a third of such tags up, the double only takes time for things that are no tags.
+const CLIPPED_STEPS: usize = 20;
+/// A fit of clipped paper has come to rest where the variance of the residuals falls by less than a twentieth in a step, and corners move by less than this,
+/// px: along that valley they move little although residuals are ten times those at its end. Chosen by hand: the motion is a sixth of the errors of
+/// such corners, and steps near the end halve what is left; half and double cost or save a step.
+const SETTLED: f64 = 0.95;
+const CLIPPED_LEFT_PX: f64 = 0.003;
+/// Contrasts from which fits of clipped paper start, in what is seen of it. Chosen by hand: from the first all fits arrive with paper up to 600 levels, with the second also those with 850,
+/// of which most were given up; half and double of it still would.
+const CLIPPED_STARTS: [f64; 2] = [1.0, 2.5];
 /// Steps converge as squares: what is left of one is about its square over the blur, and may be so much, px. Chosen by hand: a sixth of the 0.012 px
 /// that the best kind of `corners_lie_where_they_are_and_as_surely_as_stated` is allowed; half and double cost or save a step in some tags.
 const LEFT_PX: f64 = 0.002;
@@ -39,11 +50,9 @@ const LOST_CELLS: f64 = 0.7;
 /// Residuals beyond so many deviations of those before do not come from the tag: noise has 7e-6 of them, less than one in 100 tags of 1200 pixels, as
 /// the normal distribution has it. Half would leave out 2.4 % of the good ones and understate the noise, the double keeps glints.
 const GATE: f64 = 4.5;
-/// Pixels near the end of levels have lost a part of their noise by clipping. One does not count where the model predicts it above `MEANT_FULL_SDS`
-/// deviations of the noise below the last level and it shows more than `SHOWN_FULL_SDS` below it, 3.5 deviations less; a larger misfit does count. A selection
-/// by the shown level alone would keep the darker ones of equal pixels. Chosen by hand.
-const MEANT_FULL_SDS: f64 = 2.5;
-const SHOWN_FULL_SDS: f64 = 6.0;
+/// Noise that is assumed of clipped pixels before the first step, levels. Chosen by hand, more than cameras have: such pixels pull softly while the model
+/// is off. Half and double only change the way of the fit.
+const START_NOISE: f64 = 8.0;
 /// Least variance of the blur, a pixel's own square (1/12 px^2) and little more, and the most correlation of both directions. Chosen by hand, so that
 /// the covariance stays definite: at a correlation of 1 a blur has no width, and half of 0.9 would not hold a
 /// motion of 4 px at a blur of 0.7 px, 0.54, which `stated_covariances_hold_at_all_sizes_and_blurs` has.
@@ -96,18 +105,21 @@ impl WholeMeter {
         decoded: &Decoded,
         believed: Believed,
     ) -> Option<Corners> {
-        // motion blur may lead to a far too small blur at the sides, from which the fit does not converge
-        [1.0, 2.0].iter().find_map(|more| self.fit(image, from, decoded, believed, more * blur_of(from)))
+        // motion blur may lead to a far too small blur at the sides, from which the fit does not converge, and so may clipping
+        let overs: &[f64] = if decoded.clipped { &CLIPPED_STARTS } else { &[1.0] };
+        let mut starts = overs.iter().flat_map(|over| [1.0, 2.0].map(|more| (more, over)));
+        starts
+            .find_map(|(more, over)| self.fit(image, from, decoded, believed, (more * blur_of(from), *over)))
     }
 
-    /// The same, starting from the variance `around` of the blur, px^2.
+    /// The same, starting from the variance `around` of the blur, px^2, and `over` times the contrast that is seen.
     fn fit(
         &mut self,
         image: &ImageView<'_>,
         from: &Corners,
         decoded: &Decoded,
         believed: Believed,
-        around: f64,
+        (around, over): (f64, f64),
     ) -> Option<Corners> {
         let [a, b, c, d] = from.px;
         let origin = (0.25 * (a + b + c + d)).map(f64::round);
@@ -122,26 +134,28 @@ impl WholeMeter {
             radius,
             blur: [around, 0.0, around],
             ink: *ink,
-            contrast: paper - ink,
+            contrast: over * (paper - ink),
             light: [0.0; 2],
             ground: [0.0; 4],
-            full: [f64::INFINITY; 2],
+            clipped_noise: None,
             log_gamma: (believed == Believed::Bent).then_some(USUAL_LOG_GAMMA),
         };
         let mut variance = f64::INFINITY;
         // the same pixels in all steps, because the fit might oscillate otherwise
         let every = (area(&around_tag(&quad, cells)?) / ENOUGH_PIXELS).ceil().clamp(1.0, 1e6) as usize;
-        for _ in 0..STEPS {
+        let max_steps = if decoded.clipped { CLIPPED_STEPS } else { STEPS };
+        for _ in 0..max_steps {
             if decoded.clipped {
                 // before the first step no noise is known
-                let noise = if variance.is_finite() { variance.sqrt() } else { 0.0 };
-                tag_image.full = [SHOWN_FULL_SDS, MEANT_FULL_SDS].map(|sds| MAX_LEVEL - sds * noise);
+                let noise = if variance.is_finite() { variance.sqrt() } else { START_NOISE };
+                tag_image.clipped_noise = Some(noise);
             }
             self.load(image, &around_tag(&quad, cells)?, origin, every)?;
             let model = TagModel::new(&tag_image, pattern, &quad, GATE * GATE * variance)?;
             let mut sums = RowProducts { products: [[0.0; COLUMNS]; COLUMNS], count: 0.0 };
             accumulate(&model, &self.pixels, &mut self.rows, &mut sums);
             let solved = solve(&sums, &tag_image, variance)?;
+            let settled = solved.variance > SETTLED * variance;
             variance = solved.variance;
             let fields = quad.map(|p| field((p - origin) / radius));
             let moved = quad_moved(&mut quad, &fields, &solved.by);
@@ -149,7 +163,12 @@ impl WholeMeter {
                 return None;
             }
             tag_image.back = PlaneMap::of_square(&quad, cells)?.inverse()?;
-            if moved * moved < LEFT_PX * around.sqrt() {
+            let at_rest = if decoded.clipped {
+                settled && moved < CLIPPED_LEFT_PX
+            } else {
+                moved * moved < LEFT_PX * around.sqrt()
+            };
+            if at_rest {
                 let inverse = solved.factors.inverse();
                 let noise = variance.max(ROUNDING);
                 let doubt = FLOOR_PX.powi(2) + smear(&tag_image.blur, from.cell_blurs * from.blur_px);

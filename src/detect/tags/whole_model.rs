@@ -11,9 +11,11 @@
 //! are not those of the cells, as in a tilted tag. The blur contains the pixel's own square. A step of
 //! the homography is a displacement field of eight parameters ([`field`]).
 
+use super::clipped::clipped_residual;
 use super::level_curve::{CurveValues, LevelCurve};
 use super::pattern::CellPattern;
 use super::plane_map::PlaneMap;
+use crate::imaging::MAX_LEVEL;
 use crate::imaging::simd::kernel;
 use crate::linalg::Eight;
 use nalgebra::{Matrix2, Vector2};
@@ -29,6 +31,8 @@ pub(super) const GROUND: usize = 15;
 pub(super) const COUNT: usize = 19;
 /// Column of the gamma's logarithm, behind that of the residuals; it is fitted where the camera's response is not known.
 pub(super) const GAMMA: usize = COUNT + 1;
+/// Column of the root of a pixel's weight: 1, or less where it is clipped.
+const WEIGHT: usize = GAMMA + 1;
 /// Columns: those of all that is fitted and of the residuals, and as many more as are needed because they are summed by fours.
 pub(super) const COLUMNS: usize = 24;
 
@@ -89,8 +93,8 @@ pub(super) struct TagImage {
     pub(super) light: [f64; 2],
     /// Level of the ground beyond the margin less that of the paper: left, right, above, below.
     pub(super) ground: [f64; 4],
-    /// Levels from which on pixels count as clipped: shown level, and level that the model predicts; infinite where none is.
-    pub(super) full: [f64; 2],
+    /// Deviation of the noise, levels, by which pixels at the last level are weighed ([`clipped_residual`]); `None` where these are levels like others.
+    pub(super) clipped_noise: Option<f64>,
     /// Logarithm of the camera's gamma where it is unknown; `None` where levels are proportional to light.
     pub(super) log_gamma: Option<f64>,
 }
@@ -114,8 +118,8 @@ pub(super) struct TagModel<'a> {
     beside: [i32; 2],
     /// Residuals whose square is larger do not count.
     max_square: f32,
-    /// Nor do clipped pixels: those above both of these levels, shown and predicted.
-    full: [f32; 2],
+    /// Deviation of the noise where pixels may be clipped.
+    clipped_noise: Option<f64>,
 }
 
 /// Along one direction of the tag: the first contributing cell, and twice the share of each cell with its three derivatives by position.
@@ -171,7 +175,7 @@ impl<'a> TagModel<'a> {
             beside: beside.map(|b| b as i32),
             // infinite before the first step: any finite number above 255^2 would do
             max_square: max_square.min(1e12) as f32,
-            full: tag_image.full.map(|level| level as f32),
+            clipped_noise: tag_image.clipped_noise,
         })
     }
 
@@ -221,14 +225,13 @@ impl<'a> TagModel<'a> {
         let by_cr = white.by_cr * slope;
         let (x, y) = (p.x * self.per_radius, p.y * self.per_radius);
         let lit = x * self.light[0] + y * self.light[1] + 1.0;
-        let residual = p.level - lit * raw;
+        let mut residual = p.level - lit * raw;
+        let mut weight = p.weight;
+        if let Some(noise) = self.clipped_noise {
+            clipped_lanes(p, noise, &mut residual, &mut weight);
+        }
         let fits = residual.each(|r| f32::from(u8::from(r * r <= self.max_square)));
-        // a clipped pixel only says that its level is above the end, which its neighbours say too
-        let [shown_from, meant_from] = self.full;
-        let full = p.level.each(|level| f32::from(u8::from(level >= shown_from)));
-        let over = (p.level - residual).each(|meant| f32::from(u8::from(meant >= meant_from)));
-        let fits = fits * (-(full * over) + 1.0);
-        let weight = p.weight * fits;
+        let weight = weight * fits;
         let lit = lit * weight;
 
         let half = lit * 0.5;
@@ -261,7 +264,7 @@ impl<'a> TagModel<'a> {
             below,
             residual * weight,
             lit * shown.by_log_gamma * self.contrast,
-            Eight::ZERO,
+            weight,
             Eight::ZERO,
             Eight::ZERO,
         ]
@@ -356,6 +359,19 @@ fn seen(place: Eight, per: Eight, beside: i32) -> CellShares {
     CellShares { first: first.0.map(|f| f as i32), shares }
 }
 
+/// Residuals and roots of weights of those of eight pixels that are at the last level.
+#[allow(clippy::indexing_slicing)] // indices below eight
+fn clipped_lanes(p: &TagPixels, noise: f64, residual: &mut Eight, weight: &mut Eight) {
+    for i in 0..8 {
+        if p.level.0[i] >= MAX_LEVEL as f32 {
+            let meant = f64::from(p.level.0[i] - residual.0[i]);
+            let (left, root) = clipped_residual(meant, noise);
+            residual.0[i] = left as f32;
+            weight.0[i] *= root as f32;
+        }
+    }
+}
+
 kernel!(
     /// Adds the normal equations of all pixels to `sums`. `rows` is a buffer.
     pub(super) fn accumulate(model: &TagModel<'_>, pixels: &[TagPixels], rows: &mut [TagJacobian; CHUNK], sums: &mut RowProducts) = accumulate_body
@@ -373,7 +389,7 @@ fn accumulate_body(
         let mut counted = Eight::ZERO;
         for (row, pixels) in rows.iter_mut().zip(chunk) {
             *row = model.at(pixels);
-            counted = counted + row[INK].each(|lit| f32::from(u8::from(lit != 0.0)));
+            counted = counted + row[WEIGHT] * row[WEIGHT];
         }
         sums.count += f64::from(counted.sum());
         let rows = &rows[..chunk.len()];

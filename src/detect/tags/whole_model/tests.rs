@@ -29,7 +29,7 @@ fn tag_image(corners: &[Vector2<f64>; 4]) -> TagImage {
         contrast: STEP_LEVELS,
         light: [0.04, -0.03],
         ground: [-60.0, 20.0, -90.0, 10.0],
-        full: [f64::INFINITY; 2],
+        clipped_noise: None,
         log_gamma: Some(0.6),
     }
 }
