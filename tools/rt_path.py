@@ -4,7 +4,7 @@
 Usage: rt_path.py [--root FOLDER]     prints lines, lines of code and path of each file, and their sum
 
 Lines are those of a file without its tests; lines of code are those without comments and blanks too. A name that a folder hands on
-leads to the file that it comes from. What a trait object stands for no path names: all that implement such a trait count. Not
+leads to the file that it comes from, and a method to the file below its type's where it stands. What a trait object stands for no path names: all that implement such a trait count. Not
 followed: what the thread calls neither while it ticks nor at its end, what the mission beside it does, and the drives and links of simulations.
 """
 import argparse, pathlib, re
@@ -13,8 +13,8 @@ import argparse, pathlib, re
 ROOTS = ["process/control/realtime_thread", "process/control/drive_rings", "drive/external", "robot/dynamics"]
 # Traits whose objects the thread calls, beside those of the drive: what implements them belongs to the path. None so far.
 TRAITS = []
-# The record that is made of the histograms at the end, and the trait's other ends.
-NOT_FOLLOWED = ["report/summary"]
+# The record that is made of the histograms at the end, and how the page of the stop word is made, before the thread is.
+NOT_FOLLOWED = ["report/summary", "ipc/stop_word/file"]
 
 
 def without_tests(text):
@@ -86,6 +86,14 @@ class Tree:
             items = [path[-1] for use in uses for path in names([], "x::" + " ".join(use.split()))]
             if re.search(rf"(?<![\w:]){child}::", body) or any(re.search(rf"\b{item}\b", body) for item in items):
                 found.add(module + (child,))
+            # Methods of a type of this module that stand there.
+            own = module + (child,)
+            beside = "".join(code for other, code in self.code.items() if other[:1] == module[:1] and other != own)
+            methods = re.findall(r"\bfn (\w+)\s*[<(]", self.code[own])
+            types = re.findall(r"^(?:pub(?:\([a-z]+\))? )?(?:struct|enum) (\w+)", self.code[module], re.M)
+            extends = any(re.search(rf"^impl(?:<[^{{]*>)? {name}\b", self.code[own], re.M) for name in types)
+            if extends and any(re.search(rf"\.{method}\(", beside) for method in methods):
+                found.add(own)
         for trait in re.findall(r"\bdyn (?:\w+::)*(\w+)", self.code[module]):
             if trait in TRAITS:
                 implements = re.compile(rf"\bimpl<[^{{;]*>\s+{trait}\b[^{{;]*\bfor\b")
