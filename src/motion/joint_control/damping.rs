@@ -2,8 +2,9 @@
 //!
 //! The damping `-c B qd` takes the same share of every motion, as long as every motor does what it is told. One that does nothing leaves its joint what `B` couples into it: of two joints
 //! with nearly the same axis, which turn against each other, `B qd` is nearly zero, and neither is braked; and what is learnt as its disturbance drives the others.
-//! So an arm that becomes faster than its limits meanwhile is damped by `-D qd` with a diagonal `D`: a working motor then takes energy out of the arm whatever the others do,
-//! and only the weight that a dead one should carry brings some in.
+//! So an arm that becomes faster than its limits meanwhile is braked by each motor alone, as by a brake with a little give: `-D qd - K (q - a)` with diagonal `D` and `K`, where `a` is where
+//! the joint was, and is dragged along where that would be more than the effort. Damper, spring and drag take energy out of the arm whatever the other motors do,
+//! and only the weight that a dead one should carry brings some in; what an unknown load weighs is held.
 
 use super::torque::{JointTorque, cut};
 use super::{Feedback, JointController, SOFT_SHARE};
@@ -13,21 +14,24 @@ use crate::robot::Robot;
 use crate::time::TICK;
 use nalgebra::SVector;
 
-/// Damping of each joint by the inertia that it has while the others are free, 1/s. Derived: the fastest decay of all motions is at most so many times the number of joints, 0.14 in a
-/// tick of 1 ms, and 0.7 in a delay of 5 ms, which is stable.
-const JOINTS_1_S: f64 = 20.0;
+/// Rate of the springs, 1/s, by the inertia that a joint has while the others are free: `K = rate^2 I`. Chosen by hand: 40 N m of weight that no model tells turn a shoulder of 1 kg m^2 by 0.4 rad.
+const SPRING_1_S: f64 = 10.0;
+/// That of the dampers: `D = 2 rate I`, without overshoot. Derived: the fastest decay of all motions is at most so many times the number of joints, 0.14 in a tick of 1 ms, and 0.7 in a delay
+/// of 5 ms, which is stable.
+const DAMPER_1_S: f64 = 2.0 * SPRING_1_S;
 
 impl<const N: usize> JointController<N> {
     /// While soft: compensates gravity and damps motion, whatever the reference, or ends that. Inertia in
     /// motion and friction of the model are left out, because a wrong model could drive the arm.
     pub fn damp(&mut self, damps: bool) {
-        self.damps = (damps || self.by_joint) && self.soft;
+        self.damps = (damps || self.braked_at.is_some()) && self.soft;
     }
 
-    /// While soft: damps each joint by itself, until the fault is over.
-    pub fn damp_by_joint(&mut self) {
-        self.by_joint = self.soft;
-        self.damp(true);
+    /// While soft: brakes each joint by itself, about where it is, `q`, until the fault is over.
+    pub fn brake_by_joint(&mut self, q: &SVector<f64, N>) {
+        if self.soft && self.braked_at.is_none() {
+            (self.braked_at, self.damps) = (Some(*q), true);
+        }
     }
 
     /// Whether motion is damped, whatever the reference.
@@ -36,7 +40,7 @@ impl<const N: usize> JointController<N> {
         self.damps
     }
 
-    /// Gravity, the estimated disturbance, and `-c B qd` or the damping of the PD law; or gravity and `-D qd`.
+    /// Gravity, the estimated disturbance, and `-c B qd` or the damping of the PD law; or gravity and `-D qd - K (q - a)`.
     pub(super) fn damped(
         &mut self,
         robot: &Robot<N>,
@@ -45,11 +49,18 @@ impl<const N: usize> JointController<N> {
     ) -> JointTorque<N> {
         let zero = SVector::zeros();
         let carried = self.carrying(robot).gravity(q);
-        if self.by_joint {
+        if let Some(anchor) = &mut self.braked_at {
             let factors = Ldlt::of(&robot.mass_matrix(q));
             let inverse = factors.map(|factors| factors.inverse());
-            let inertia = |i: usize| inverse.as_ref().map_or(0.0, |inverse| inverse[i][i].recip());
-            let torque = cut(robot, &SVector::from_fn(|i, _| carried[i] - JOINTS_1_S * inertia(i) * qd[i]));
+            let wanted = SVector::from_fn(|i, _| {
+                let inertia = inverse.as_ref().map_or(0.0, |inverse| inverse[i][i].recip());
+                let effort = robot.limits().get(i).map_or(0.0, |limit| limit.effort);
+                let stiffness = SPRING_1_S * SPRING_1_S * inertia;
+                let spring = (stiffness * (q[i] - anchor[i])).max(-effort).min(effort);
+                anchor[i] = if stiffness > 0.0 { q[i] - spring / stiffness } else { q[i] };
+                carried[i] - DAMPER_1_S * inertia * qd[i] - spring
+            });
+            let torque = cut(robot, &wanted);
             self.applied = Some(torque.tau);
             return torque;
         }

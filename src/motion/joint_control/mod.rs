@@ -61,8 +61,8 @@ pub struct JointController<const N: usize> {
     soft: bool,
     /// Whether the controller only damps motion.
     damps: bool,
-    /// Whether each joint is damped by itself.
-    by_joint: bool,
+    /// Where each joint is braked by itself, rad or m, if it is.
+    braked_at: Option<SVector<f64, N>>,
     /// Bounds the torque on joints that do not move.
     stall: StallGuard<N>,
     /// Estimates what the arm carries beyond its model.
@@ -100,7 +100,7 @@ impl<const N: usize> JointController<N> {
             requested_velocity: None,
             soft: false,
             damps: false,
-            by_joint: false,
+            braked_at: None,
             stall: StallGuard::default(),
             payload: None,
             rotors: None,
@@ -129,7 +129,7 @@ impl<const N: usize> JointController<N> {
     pub fn soften(&mut self, soft: bool) {
         if soft != self.soft {
             self.soft = soft;
-            (self.damps, self.by_joint) = (false, false);
+            (self.damps, self.braked_at) = (false, None);
             self.observer.settle(soft);
         }
     }
