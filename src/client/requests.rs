@@ -72,12 +72,13 @@ impl Client {
     pub fn named_places(&self) -> NamedPlaces {
         let mut places = NamedPlaces::default();
         for (key, text) in self.instance().agreement_of(Role::Control).unwrap_or_default() {
+            // What is none, as of another version, has no name here: a program that uses it is told so.
             if let Some(name) = key.strip_prefix("goals.") {
                 let goal = serde_json::from_str(&text).ok().and_then(RawNamedGoal::checked);
-                places.goals.insert(name.to_owned(), goal);
+                places.goals.extend(goal.map(|goal| (name.to_owned(), Some(goal))));
             } else if let Some(name) = key.strip_prefix("postures.") {
                 let posture = serde_json::from_str(&text).ok().map(|posture: RawPosture| posture.q_rad_or_m);
-                places.postures.insert(name.to_owned(), posture);
+                places.postures.extend(posture.map(|posture| (name.to_owned(), Some(posture))));
             }
         }
         places

@@ -33,10 +33,10 @@ const STEPS: usize = 6;
 /// Most steps where paper is clipped. Contrast, blur and gamma then begin far off and take 6 to 11 steps to come along a valley (measured on paper at 262 to
 /// 600 levels). Half gives a third of such tags up, the double only takes time for things that are no tags.
 const CLIPPED_STEPS: usize = 20;
-/// A fit of clipped paper has come to rest where the variance of the residuals falls by less than a twentieth in a step, and corners move by less than this,
-/// px: along that valley they move little although residuals are ten times those at its end. Chosen by hand: the motion is a sixth of the errors of
-/// such corners, and steps near the end halve what is left; half and double cost or save a step.
+/// A fit of clipped paper has come to rest where the variance of the residuals falls by less than a twentieth in a step: along that valley corners move little although residuals are ten
+/// times those at its end. Chosen by hand: steps near the end halve what is left; half and double cost or save a step.
 const SETTLED: f64 = 0.95;
+/// And where corners move by less than this in it, px. Chosen by hand: a sixth of the errors of such corners.
 const CLIPPED_LEFT_PX: f64 = 0.003;
 /// Contrasts from which fits of clipped paper start, in what is seen of it. Chosen by hand: from the first all fits arrive with paper up to 600 levels, with the second also those with 850,
 /// of which most were given up; half and double of it still would.

@@ -6,7 +6,7 @@
 //! the joint was, and is dragged along where that would be more than the effort. Damper, spring and drag take energy out of the arm whatever the other motors do,
 //! and only the weight that a dead one should carry brings some in; what an unknown load weighs is held.
 
-use super::torque::{JointTorque, cut};
+use super::torque::JointTorque;
 use super::{Feedback, JointController, SOFT_SHARE};
 use crate::linalg::Ldlt;
 use crate::motion::{ActingLimits, ReferenceState};
@@ -60,9 +60,9 @@ impl<const N: usize> JointController<N> {
                 anchor[i] = if stiffness > 0.0 { q[i] - spring / stiffness } else { q[i] };
                 carried[i] - DAMPER_1_S * inertia * qd[i] - spring
             });
-            let torque = cut(robot, &wanted);
-            self.applied = Some(torque.tau);
-            return torque;
+            // What it does to the arm beyond carrying it, the observer has to know.
+            let none = Feedback { u: zero, expected: zero, torque: zero, velocity: zero, slip: zero };
+            return self.commanded(robot, q, &carried, &wanted, &none, (zero, zero, zero));
         }
         let (p, t) = self.observer.disturbance();
         let rest = ReferenceState { q: *q, qd: zero, qdd: zero, a: zero, limits: ActingLimits::default() };

@@ -10,11 +10,12 @@ use super::Board;
 use crate::imaging::corners::RingCorner;
 use nalgebra::{Matrix3, Vector2, Vector3};
 
-/// How far off its place a corner of the lattice may lie, squares, at the rim and more for each square beyond it; and up to how many squares beyond it.
-/// Chosen by hand: a lens of k1 = -0.15 and a homography of seven corners leave 0.26 at eight squares; at half the distance a thing of four squares
-/// hides all that is there, at the double the place of the next square is as near.
+/// How far off its place a corner of the lattice may lie at the rim, squares. Chosen by hand: at half of it a thing of four squares hides all that is there, at the double the place of the
+/// next square is as near.
 const ON: f64 = 0.15;
+/// How much more for each square beyond the rim. Chosen by hand: a lens of k1 = -0.15 and a homography of seven corners leave 0.26 at eight squares.
 const ON_BENT: f64 = 0.02;
+/// Up to how many squares beyond the rim places are believed. Chosen by hand: there the tolerance has come to 0.31, a third of a square.
 const FAR: f64 = 8.0;
 /// The same of the distance between neighbours, in squares: their size is told by the homography to a fifth at the far end of an image. Chosen by hand: half
 /// loses what lies there, the double takes corners half a square off.
