@@ -58,8 +58,9 @@ impl<const N: usize> Controller<N> {
         }
     }
 
+    /// What has failed since the last step is kept: nobody who asked for the reset knew of it.
     fn forget_fault(&mut self) {
-        (self.fault, self.failure) = (None, None);
+        self.fault = None;
         self.encoder_watch.restart();
     }
 

@@ -8,6 +8,7 @@ use crate::messages::ControlState;
 use crate::process::StopFlag;
 use crate::process::stop::STOP_REASON;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// The signals of this process and the stop word of its instance, for all threads of control.
 #[derive(Debug, Clone)]
@@ -16,6 +17,8 @@ pub(super) struct Stops {
     word: Arc<StopWord>,
     /// A run that is served stays after a stop; any other ends by it.
     served: bool,
+    /// The newest request for each stop of [`LATCHED`] that was there while it stood.
+    met: Arc<[AtomicU64; LATCHED.len()]>,
 }
 
 /// Stops that stand until they are reset: anybody's, and the guardian's.
@@ -30,7 +33,7 @@ fn request(halt: Halt) -> Request {
 
 impl Stops {
     pub(super) fn new(flag: StopFlag, word: StopWord, served: bool) -> Self {
-        Self { flag, word: Arc::new(word), served }
+        Self { flag, word: Arc::new(word), served, met: Arc::default() }
     }
 
     /// Does at a tick what is asked for. No system call, no allocation.
@@ -38,8 +41,8 @@ impl Stops {
         if self.flag.is_requested() {
             control.stop(STOP_REASON);
         }
-        for halt in LATCHED {
-            self.latch(halt, control);
+        for (halt, met) in LATCHED.into_iter().zip(&*self.met) {
+            self.latch(halt, met, control);
         }
         for halt in [Halt::Stop, Halt::Shutdown] {
             if let Some(number) = self.word.asked(halt) {
@@ -50,20 +53,24 @@ impl Stops {
         }
     }
 
-    /// A latched stop is a fault from when it is asked for until that is reset.
-    fn latch<const N: usize>(&self, halt: Halt, control: &mut ControlLoop<N>) {
+    /// A latched stop is a fault from when it is asked for until that is reset; a request that comes after the reset is another one.
+    fn latch<const N: usize>(&self, halt: Halt, met: &AtomicU64, control: &mut ControlLoop<N>) {
         let Some(number) = self.word.asked(halt) else { return };
-        let stands = control.controller().fault().is_some();
-        match self.word.begun(halt) {
-            None => {
-                control.fail(Fault::StopLatched);
-                self.word.begin(halt, ControlState::Fault);
+        if self.word.begun(halt).is_some() {
+            if control.controller().fault().is_some() {
+                met.store(number, Ordering::Relaxed);
+                return;
             }
             // The next step takes the fault in, so that there is none here only after a reset.
             // With the state of a page on which nothing has begun, for the next one.
-            Some(_) if !stands => self.word.take(halt, number, ControlState::default()),
-            Some(_) => {}
+            self.word.take(halt, met.load(Ordering::Relaxed), ControlState::default());
+            if self.word.asked(halt).is_none() {
+                return;
+            }
         }
+        met.store(number, Ordering::Relaxed);
+        control.fail(Fault::StopLatched);
+        self.word.begin(halt, ControlState::Fault);
     }
 
     /// What the supervisor says of camera and vision.
@@ -165,6 +172,24 @@ mod tests {
         control.request(Request::Reset).unwrap();
         assert_eq!(tick(&mut control), ControlState::Idle);
         assert_eq!((tick(&mut control), drive.is_stopped_by_guardian()), (ControlState::Idle, false));
+        // Stops and resets within one tick, in either order.
+        file.write_all_at(&4_u64.to_le_bytes(), 48).unwrap();
+        (0..300).for_each(|_| assert_eq!(tick(&mut control), ControlState::Fault));
+        control.request(Request::Reset).unwrap();
+        file.write_all_at(&5_u64.to_le_bytes(), 48).unwrap();
+        (0..300).for_each(|_| assert_eq!(tick(&mut control), ControlState::Fault, "after the reset"));
+        control.request(Request::Reset).unwrap();
+        assert_eq!(tick(&mut control), ControlState::Idle);
+        control.fail(Fault::TrackingError);
+        (0..300).for_each(|_| assert_eq!(tick(&mut control), ControlState::Fault));
+        file.write_all_at(&6_u64.to_le_bytes(), 48).unwrap();
+        let now = MonoNs(TICK.0 * i64::from(k));
+        control.sense(u64::from(k.unsigned_abs()), now);
+        stops.obey(&mut control);
+        control.request(Request::Reset).unwrap();
+        let state = control.act(now, None).state;
+        assert_eq!(state, ControlState::Fault, "before the reset, which cannot have meant it");
+        assert_eq!(control.controller().fault(), Some(Fault::StopLatched));
         drop(lock);
         instance.remove_leftovers(None);
     }
