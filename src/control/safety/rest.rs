@@ -58,39 +58,61 @@ impl<const N: usize> RestWatch<N> {
     #[must_use]
     pub fn is_at_rest(&self) -> bool {
         let window_s = WINDOW as f64 * TICK.as_s();
+        let (least, most, mean_speed) = self.extent();
+        let sd = self.noise_sd();
+        let apart = self.mean_position(WINDOW - PART) - self.mean_position(0);
+        let apart_s = (WINDOW - PART) as f64 * TICK.as_s();
+        // An oscillating joint can have a small mean velocity: the velocity at the end must be small too.
+        let end = Self::sum(self.states(&self.qd).skip(WINDOW - LAST)) / LAST as f64;
+        let end_s = LAST as f64 * TICK.as_s();
         (0..N).all(|i| {
-            let (mut least, mut most, mut sum) = (f64::INFINITY, f64::NEG_INFINITY, 0.0);
-            for (q, qd) in self.q.iter().zip(&self.qd) {
-                (least, most, sum) = (least.min(q[i]), most.max(q[i]), sum + qd[i]);
-            }
-            let sd = self.noise_sd(i);
-            let noise = NOISE_SPREAD * sd;
-            let mean =
-                |from: usize| (from..from + PART).map(|k| self.at(&self.q, k)[i]).sum::<f64>() / PART as f64;
-            let apart = (mean(WINDOW - PART) - mean(0)).abs();
-            let apart_s = (WINDOW - PART) as f64 * TICK.as_s();
-            let noise_of_means = MEAN_SPREAD * sd * (2.0 / PART as f64).sqrt();
-            // An oscillating joint can have a small mean velocity: the velocity at the end must be small too.
-            let end: f64 = (WINDOW - LAST..WINDOW).map(|k| self.at(&self.qd, k)[i]).sum();
-            let end_s = LAST as f64 * TICK.as_s();
-            most - least <= REST_SPEED * window_s + noise
-                && apart <= DRIFT_SHARE * REST_SPEED * apart_s + noise_of_means
-                && (sum / WINDOW as f64).abs() <= REST_SPEED + noise / window_s
-                && (end / LAST as f64).abs() <= SLOWING_SHARE * REST_SPEED + noise / end_s
+            let noise = NOISE_SPREAD * sd[i];
+            let noise_of_means = MEAN_SPREAD * sd[i] * (2.0 / PART as f64).sqrt();
+            most[i] - least[i] <= REST_SPEED * window_s + noise
+                && apart[i].abs() <= DRIFT_SHARE * REST_SPEED * apart_s + noise_of_means
+                && mean_speed[i].abs() <= REST_SPEED + noise / window_s
+                && end[i].abs() <= SLOWING_SHARE * REST_SPEED + noise / end_s
         })
     }
 
-    /// The `k`-th of the window's states, the oldest first.
-    fn at(&self, states: &[SVector<f64, N>; WINDOW], k: usize) -> SVector<f64, N> {
-        states.get((self.next.unwrap_or(0) + k) % WINDOW).copied().unwrap_or_else(SVector::zeros)
+    /// Least and greatest position in the window, and the mean of the measured velocities.
+    fn extent(&self) -> (SVector<f64, N>, SVector<f64, N>, SVector<f64, N>) {
+        let mut least: SVector<f64, N> = SVector::repeat(f64::INFINITY);
+        let mut most: SVector<f64, N> = SVector::repeat(f64::NEG_INFINITY);
+        for q in &self.q {
+            (least, most) = (least.inf(q), most.sup(q));
+        }
+        (least, most, Self::sum(self.qd.iter()) / WINDOW as f64)
     }
 
-    /// Standard deviation of the noise of joint `i`'s encoder, from the second differences of its positions, whose variance is
+    /// The window's states, the oldest first.
+    fn states<'a>(&self, states: &'a [SVector<f64, N>; WINDOW]) -> impl Iterator<Item = &'a SVector<f64, N>> {
+        let (newer, older) = states.split_at(self.next.unwrap_or(0));
+        older.iter().chain(newer)
+    }
+
+    fn sum<'a>(states: impl Iterator<Item = &'a SVector<f64, N>>) -> SVector<f64, N> {
+        states.fold(SVector::zeros(), |sum, state| sum + state)
+    }
+
+    /// Mean position over a third of the window, from its `from`-th state on.
+    fn mean_position(&self, from: usize) -> SVector<f64, N> {
+        Self::sum(self.states(&self.q).skip(from).take(PART)) / PART as f64
+    }
+
+    /// Standard deviation of the noise of each joint's encoder, from the second differences of its positions, whose variance is
     /// `(1 + 4 + 1)` times that of a reading. Those of the arm's motion, `qdd T^2`, are far smaller.
-    fn noise_sd(&self, i: usize) -> f64 {
-        let q = |k: usize| self.at(&self.q, k)[i];
-        let squares: f64 = (2..WINDOW).map(|k| (q(k) - 2.0 * q(k - 1) + q(k - 2)).powi(2)).sum();
-        (squares / (6.0 * (WINDOW - 2) as f64)).sqrt()
+    fn noise_sd(&self) -> SVector<f64, N> {
+        let mut squares = SVector::<f64, N>::zeros();
+        let mut before = [SVector::<f64, N>::zeros(); 2];
+        for (k, q) in self.states(&self.q).enumerate() {
+            let difference = q - before[1] * 2.0 + before[0];
+            if k >= before.len() {
+                squares += difference.component_mul(&difference);
+            }
+            before = [before[1], *q];
+        }
+        squares.map(|squares| (squares / (6.0 * (WINDOW - 2) as f64)).sqrt())
     }
 }
 

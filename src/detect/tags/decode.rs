@@ -78,6 +78,7 @@ impl LightPlane {
 }
 
 /// Bilinearly interpolated grey level at a point (px); beyond the image that of its edge.
+#[inline]
 pub(super) fn level_at(image: &ImageView<'_>, at: Vector2<f64>) -> f64 {
     let (x, y) = (at.x.clamp(0.0, image.width() as f64 - 1.0), at.y.clamp(0.0, image.height() as f64 - 1.0));
     let (x0, y0) = (x as usize, y as usize);

@@ -33,6 +33,7 @@ mod edge_growth;
 mod edges;
 mod finder;
 mod level_curve;
+mod level_sums;
 mod pattern;
 mod plane_map;
 mod plate;

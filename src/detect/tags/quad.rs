@@ -124,15 +124,19 @@ fn corners(points: &[WindowPoint]) -> Option<[usize; 4]> {
     };
     for _ in 0..2 {
         quad.sort_unstable();
+        let before = quad;
         for i in 0..4 {
-            let (before, after) = (*quad.get((i + 3) % 4)?, *quad.get((i + 1) % 4)?);
+            let (last, next) = (*quad.get((i + 3) % 4)?, *quad.get((i + 1) % 4)?);
             // the corner lies left of the line from the next corner to the previous one
-            let (best, off) = farthest(points, right_of(after, before));
+            let (best, off) = farthest(points, right_of(next, last));
             if off > 0.0
                 && let Some(corner) = quad.get_mut(i)
             {
                 *corner = best;
             }
+        }
+        if quad == before {
+            break;
         }
     }
     quad.sort_unstable();
@@ -150,9 +154,11 @@ fn side(points: &[WindowPoint], from: usize, to: usize) -> Option<NormalFormLine
     }
     let along = along / length;
     let skip = (END_SHARE * length).max(END_PX);
-    let count = if to > from { to - from } else { to + points.len() - from };
+    let (until, rest) = if to > from { (to + 1, 0) } else { (points.len(), to + 1) };
+    let (first, rest) = (points.get(from..until)?, points.get(..rest)?);
     let used = || {
-        (0..=count).map(|i| place(points, (from + i) % points.len())).filter(move |p| {
+        let all = first.iter().chain(rest).map(|p| Vector2::new(f64::from(p[0]), f64::from(p[1])));
+        all.filter(move |p| {
             let s = (p - a).dot(&along);
             s >= skip && s <= length - skip
         })

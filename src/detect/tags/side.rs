@@ -4,6 +4,7 @@
 //! [`SideScan::fit`] subtracts the contribution of other cells ([`Shine`]), turns the sums into positions and fits the line. The caller moves the
 //! window onto the line and repeats.
 
+use super::level_sums::LevelSums;
 use super::quad::NormalFormLine;
 use super::shine::{Inside, Shine, Windows, blur_of};
 use crate::imaging::ImageView;
@@ -207,14 +208,9 @@ impl SideScan<'_> {
             if !inside {
                 continue;
             }
-            let sum_of = |x0: f64, x1: f64| {
-                if along_y {
-                    sum_in_row(self.image.row(k), x0, x1)
-                } else {
-                    sum_in_column(self.image, k, x0, x1)
-                }
-            };
             let h = self.half * per;
+            let sums = LevelSums::new(self.image, (k, along_y), (c, reach.max(h + 0.5)));
+            let sum_of = |x0: f64, x1: f64| sums.between(x0, x1);
             let mean = |u0: f64, u1: f64| {
                 let (x0, x1) = if sign > 0.0 { (c + u0, c + u1) } else { (c - u1, c - u0) };
                 sum_of(x0, x1) / (x1 - x0)
@@ -384,24 +380,4 @@ impl Shine {
     fn total(&self, row: &SideRow, contrast: f64, what: usize) -> f64 {
         self.within(row, contrast, what) - self.outside(row, contrast, what)
     }
-}
-
-/// Sum of levels from `x0` to `x1`, each pixel one wide about its centre. Both lie within the row.
-#[inline]
-fn sum_in_row(row: &[u8], x0: f64, x1: f64) -> f64 {
-    let (first, last) = ((x0 + 0.5) as usize, (x1 + 0.5) as usize);
-    let at = |k: usize| row.get(k).map_or(0.0, |&p| f64::from(p));
-    let inner: u32 = row.get(first..=last).unwrap_or(&[]).iter().map(|&p| u32::from(p)).sum();
-    f64::from(inner) - (x0 + 0.5 - first as f64) * at(first) - (last as f64 + 0.5 - x1) * at(last)
-}
-
-/// The same in column `x`.
-#[inline]
-fn sum_in_column(image: &ImageView<'_>, x: usize, y0: f64, y1: f64) -> f64 {
-    let (first, last) = ((y0 + 0.5) as usize, (y1 + 0.5) as usize);
-    let at = |k: usize| image.row(k).get(x).map_or(0, |&p| u32::from(p));
-    let inner: u32 = (first..=last).map(at).sum();
-    f64::from(inner)
-        - (y0 + 0.5 - first as f64) * f64::from(at(first))
-        - (last as f64 + 0.5 - y1) * f64::from(at(last))
 }

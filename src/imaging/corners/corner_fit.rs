@@ -351,28 +351,6 @@ impl CornerFitter {
         p[AMPLITUDE] = 0.7 * (a - b);
     }
 
-    /// `J' (d a^2)` of both edges, from the rows of the last step: a shift of the corner by (x, y) shifts the edges by `n_u (x, y)` and
-    /// `n_v (x, y)`, which gives the derivatives by a shift of either.
-    fn drawn_by_bend(&self, p: &Vector) -> [Vector; 2] {
-        let ((su, cu), (sv, cv)) = (p[TURN_U].sin_cos(), p[TURN_V].sin_cos());
-        let scale = 1.0 / (cu * sv - su * cv);
-        let [by_u, by_v] = [[sv, -cv], [-su, cu]].map(|both| both.map(|k| (k * scale) as f32));
-        let along = [[-su, cu], [-sv, cv]].map(|both| both.map(|k| k as f32));
-        let (x, y) = (p[X] as f32, p[Y] as f32);
-        let mut out = [[0.0; COUNT]; 2];
-        for (pixels, row) in self.pixels.iter().zip(&self.rows).take(self.blocks) {
-            let (dx, dy) = (pixels.x + (-x), pixels.y + (-y));
-            for ((out, by), along) in out.iter_mut().zip([by_u, by_v]).zip(along) {
-                let a = dx * along[0] + dy * along[1];
-                let level = (row.derivative[X] * by[0] + row.derivative[Y] * by[1]) * (a * a);
-                for (out, derivative) in out.iter_mut().zip(&row.derivative) {
-                    *out += f64::from((*derivative * level).sum());
-                }
-            }
-        }
-        out
-    }
-
     fn normal(&mut self, model: &CornerModel) -> CornerEquations {
         #[cfg(target_arch = "x86_64")]
         if self.wide {
@@ -446,5 +424,6 @@ fn with_prior(
     (weights, right)
 }
 
+mod bend;
 #[cfg(test)]
 mod tests;
