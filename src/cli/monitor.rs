@@ -38,7 +38,7 @@ pub(super) fn monitor(arguments: &MonitorArguments) -> Result<u8, ProcessError> 
     while !stop.is_requested() {
         let time = now();
         if let Some(watched) = &mut run
-            && !watched.take_all(&mut view, time)?
+            && !watched.take_all(&mut view, time, &mut |_| {})?
         {
             view.end("the run has ended; q leaves");
             run = None;

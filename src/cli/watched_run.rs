@@ -4,7 +4,7 @@ use crate::client::{Client, RunAnswer, RunWatch};
 use crate::config::Config;
 use crate::input::printable;
 use crate::ipc::ReceivedFrame;
-use crate::monitor::{MonitorOrder, RunView};
+use crate::monitor::{MonitorOrder, RunRecord, RunView};
 use crate::process::{ProcessError, StopFlag};
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::Vector2;
@@ -41,9 +41,20 @@ impl WatchedRun {
         self.watch.image()
     }
 
-    /// Takes everything that came, at `time`, into `view`. Whether the run is still there.
-    pub(super) fn take_all(&mut self, view: &mut RunView, time: MonoNs) -> Result<bool, ProcessError> {
-        if self.watch.take_all(view, time)? {
+    /// Takes everything that came, at `time`, into `view`, and shows it `also`. Whether the run is still there.
+    pub(super) fn take_all(
+        &mut self,
+        view: &mut RunView,
+        time: MonoNs,
+        also: &mut dyn FnMut(&RunRecord),
+    ) -> Result<bool, ProcessError> {
+        let mut has_new_goal = false;
+        let mut take = |record: &RunRecord| {
+            has_new_goal |= view.take(record, time);
+            also(record);
+        };
+        self.watch.take_all(&mut take)?;
+        if has_new_goal {
             self.asker.ask(None);
         }
         while let Ok((order, answer)) = self.asker.answers.try_recv() {
@@ -56,9 +67,17 @@ impl WatchedRun {
         let is_there = self.watch.is_there();
         if !is_there {
             // its last words
-            self.watch.take_all(view, time)?;
+            self.watch.take_all(&mut |record| {
+                view.take(record, time);
+                also(record);
+            })?;
         }
         Ok(is_there)
+    }
+
+    /// The run file of the run.
+    pub(super) fn config(&self) -> &Config {
+        &self.config
     }
 
     /// Has control asked for what the user wants.

@@ -1,14 +1,13 @@
-//! Watching a running instance: what its processes send, into a [`RunView`]. Whoever watches waits for nothing and is waited for by nobody: what is not
+//! Watching a running instance: what its processes send, as [`RunRecord`]s. Whoever watches waits for nothing and is waited for by nobody: what is not
 //! taken in time is overwritten.
 
 use super::reach;
 use crate::config::{Clock, Config};
 use crate::ipc::{Instance, IpcError, QuietFrameReceiver, ReceivedFrame, Receiver, Role, Services};
 use crate::messages::{CameraHealth, CameraId, Measurement, Status, TraceMsg};
-use crate::monitor::{CellFacts, RunView};
+use crate::monitor::{CellFacts, RunRecord};
 use crate::process::{LeftoversGuard, ProcessError, frame_shape};
 use crate::report::run_page::JointSummary;
-use crate::time::MonoNs;
 
 /// A place among those who read a run's services. The fields are given back in the order in which they stand.
 #[derive(Debug)]
@@ -66,25 +65,26 @@ impl RunWatch {
         Ok(self.images.as_ref().map(QuietFrameReceiver::receive).transpose()?.flatten())
     }
 
-    /// Takes everything that came, at `now`, into `view`. Whether the goal may be another one than the known one.
+    /// Takes everything that came, in the order of each service; of states and of health the newest.
     ///
     /// # Errors
     /// When shared memory fails.
-    pub fn take_all(&self, view: &mut RunView, now: MonoNs) -> Result<bool, ProcessError> {
-        let status = self.status.receive_newest()?;
-        let has_new_goal = status.is_some_and(|status| view.status(&status, now));
+    pub fn take_all(&self, take: &mut dyn FnMut(&RunRecord)) -> Result<(), ProcessError> {
+        if let Some(status) = self.status.receive_newest()? {
+            take(&RunRecord::Status(status));
+        }
         while let Some(tick) = self.traces.receive()? {
-            view.tick(&tick);
+            take(&RunRecord::Tick(tick));
         }
         while let Some(measurement) = self.measurements.receive()? {
-            view.measurement(&measurement, now);
+            take(&RunRecord::Measurement(measurement));
         }
         for (camera, port) in &self.health {
             if let Some(health) = port.receive_newest()? {
-                view.health(*camera, &health);
+                take(&RunRecord::Health(*camera, health));
             }
         }
-        Ok(has_new_goal)
+        Ok(())
     }
 
     /// Whether control is still there.

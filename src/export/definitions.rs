@@ -5,8 +5,14 @@
 const RULE: &str = "================================================================================";
 
 /// Each definition with the definitions that it uses. The order is that of the alphabet.
-const DEFINITIONS: [(&str, &str, &[&str]); 17] = [
+const DEFINITIONS: [(&str, &str, &[&str]); 32] = [
+    ("builtin_interfaces/Duration", "int32 sec\nuint32 nanosec\n", &[]),
     ("builtin_interfaces/Time", "int32 sec\nuint32 nanosec\n", &[]),
+    (
+        "foxglove_msgs/ArrowPrimitive",
+        "geometry_msgs/Pose pose\nfloat64 shaft_length\nfloat64 shaft_diameter\nfloat64 head_length\nfloat64 head_diameter\nfoxglove_msgs/Color color\n",
+        &["foxglove_msgs/Color", "geometry_msgs/Pose"],
+    ),
     (
         "foxglove_msgs/CircleAnnotation",
         "builtin_interfaces/Time timestamp\nfoxglove_msgs/Point2 position\nfloat64 diameter\nfloat64 thickness\nfoxglove_msgs/Color fill_color\nfoxglove_msgs/Color outline_color\n",
@@ -14,9 +20,30 @@ const DEFINITIONS: [(&str, &str, &[&str]); 17] = [
     ),
     ("foxglove_msgs/Color", "float64 r\nfloat64 g\nfloat64 b\nfloat64 a\n", &[]),
     (
+        "foxglove_msgs/CubePrimitive",
+        "geometry_msgs/Pose pose\ngeometry_msgs/Vector3 size\nfoxglove_msgs/Color color\n",
+        &["foxglove_msgs/Color", "geometry_msgs/Pose", "geometry_msgs/Vector3"],
+    ),
+    (
+        "foxglove_msgs/CylinderPrimitive",
+        "geometry_msgs/Pose pose\ngeometry_msgs/Vector3 size\nfloat64 bottom_scale\nfloat64 top_scale\nfoxglove_msgs/Color color\n",
+        &["foxglove_msgs/Color", "geometry_msgs/Pose", "geometry_msgs/Vector3"],
+    ),
+    (
         "foxglove_msgs/ImageAnnotations",
         "foxglove_msgs/CircleAnnotation[] circles\nfoxglove_msgs/PointsAnnotation[] points\nfoxglove_msgs/TextAnnotation[] texts\n",
         &["foxglove_msgs/CircleAnnotation", "foxglove_msgs/PointsAnnotation", "foxglove_msgs/TextAnnotation"],
+    ),
+    ("foxglove_msgs/KeyValuePair", "string key\nstring value\n", &[]),
+    (
+        "foxglove_msgs/LinePrimitive",
+        "uint8 LINE_STRIP=0\nuint8 LINE_LOOP=1\nuint8 LINE_LIST=2\nuint8 type\ngeometry_msgs/Pose pose\nfloat64 thickness\nbool scale_invariant\ngeometry_msgs/Point[] points\nfoxglove_msgs/Color color\nfoxglove_msgs/Color[] colors\nuint32[] indices\n",
+        &["foxglove_msgs/Color", "geometry_msgs/Point", "geometry_msgs/Pose"],
+    ),
+    (
+        "foxglove_msgs/ModelPrimitive",
+        "geometry_msgs/Pose pose\ngeometry_msgs/Vector3 scale\nfoxglove_msgs/Color color\nbool override_color\nstring url\nstring media_type\nuint8[] data\n",
+        &["foxglove_msgs/Color", "geometry_msgs/Pose", "geometry_msgs/Vector3"],
     ),
     ("foxglove_msgs/Point2", "float64 x\nfloat64 y\n", &[]),
     (
@@ -25,9 +52,57 @@ const DEFINITIONS: [(&str, &str, &[&str]); 17] = [
         &["builtin_interfaces/Time", "foxglove_msgs/Color", "foxglove_msgs/Point2"],
     ),
     (
+        "foxglove_msgs/SceneEntity",
+        "builtin_interfaces/Time timestamp\nstring frame_id\nstring id\nbuiltin_interfaces/Duration lifetime\nbool frame_locked\nfoxglove_msgs/KeyValuePair[] metadata\nfoxglove_msgs/ArrowPrimitive[] arrows\nfoxglove_msgs/CubePrimitive[] cubes\nfoxglove_msgs/SpherePrimitive[] spheres\nfoxglove_msgs/CylinderPrimitive[] cylinders\nfoxglove_msgs/LinePrimitive[] lines\nfoxglove_msgs/TriangleListPrimitive[] triangles\nfoxglove_msgs/TextPrimitive[] texts\nfoxglove_msgs/ModelPrimitive[] models\n",
+        &[
+            "builtin_interfaces/Duration",
+            "builtin_interfaces/Time",
+            "foxglove_msgs/ArrowPrimitive",
+            "foxglove_msgs/CubePrimitive",
+            "foxglove_msgs/CylinderPrimitive",
+            "foxglove_msgs/KeyValuePair",
+            "foxglove_msgs/LinePrimitive",
+            "foxglove_msgs/ModelPrimitive",
+            "foxglove_msgs/SpherePrimitive",
+            "foxglove_msgs/TextPrimitive",
+            "foxglove_msgs/TriangleListPrimitive",
+        ],
+    ),
+    (
+        "foxglove_msgs/SceneEntityDeletion",
+        "builtin_interfaces/Time timestamp\nuint8 MATCHING_ID=0\nuint8 ALL=1\nuint8 type\nstring id\n",
+        &["builtin_interfaces/Time"],
+    ),
+    (
+        "foxglove_msgs/SceneUpdate",
+        "foxglove_msgs/SceneEntityDeletion[] deletions\nfoxglove_msgs/SceneEntity[] entities\n",
+        &["foxglove_msgs/SceneEntity", "foxglove_msgs/SceneEntityDeletion"],
+    ),
+    (
+        "foxglove_msgs/SpherePrimitive",
+        "geometry_msgs/Pose pose\ngeometry_msgs/Vector3 size\nfoxglove_msgs/Color color\n",
+        &["foxglove_msgs/Color", "geometry_msgs/Pose", "geometry_msgs/Vector3"],
+    ),
+    (
         "foxglove_msgs/TextAnnotation",
         "builtin_interfaces/Time timestamp\nfoxglove_msgs/Point2 position\nstring text\nfloat64 font_size\nfoxglove_msgs/Color text_color\nfoxglove_msgs/Color background_color\n",
         &["builtin_interfaces/Time", "foxglove_msgs/Color", "foxglove_msgs/Point2"],
+    ),
+    (
+        "foxglove_msgs/TextPrimitive",
+        "geometry_msgs/Pose pose\nbool billboard\nfloat64 font_size\nbool scale_invariant\nfoxglove_msgs/Color color\nstring text\n",
+        &["foxglove_msgs/Color", "geometry_msgs/Pose"],
+    ),
+    (
+        "foxglove_msgs/TriangleListPrimitive",
+        "geometry_msgs/Pose pose\ngeometry_msgs/Point[] points\nfoxglove_msgs/Color color\nfoxglove_msgs/Color[] colors\nuint32[] indices\n",
+        &["foxglove_msgs/Color", "geometry_msgs/Point", "geometry_msgs/Pose"],
+    ),
+    ("geometry_msgs/Point", "float64 x\nfloat64 y\nfloat64 z\n", &[]),
+    (
+        "geometry_msgs/Pose",
+        "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n",
+        &["geometry_msgs/Point", "geometry_msgs/Quaternion"],
     ),
     ("geometry_msgs/Quaternion", "float64 x\nfloat64 y\nfloat64 z\nfloat64 w\n", &[]),
     (

@@ -4,6 +4,8 @@
 //! `goal` (D).
 
 use super::cdr::CdrOutput;
+use super::definitions::{definition, full_name};
+use super::scene::scene;
 use crate::camera_model::CameraModel;
 use crate::config::Config;
 use crate::control::lifecycle::Request;
@@ -11,7 +13,8 @@ use crate::control::safety::Fault;
 use crate::control::trace::event_words;
 use crate::geometry::Pose;
 use crate::messages::{
-    CommandForm, ControlState, FrameHeader, JointState, Measurement, RequestMsg, TargetStatus, TraceMsg,
+    CameraId, CommandForm, ControlState, FrameHeader, JointState, Measurement, RequestMsg, TargetStatus,
+    TraceMsg,
 };
 use crate::robot::Mount;
 use crate::time::{MonoNs, SpanNs};
@@ -21,9 +24,9 @@ use std::collections::BTreeMap;
 /// The name of the base's frame.
 pub(super) const BASE: &str = "base";
 /// That of the flange.
-const FLANGE: &str = "flange";
+pub(super) const FLANGE: &str = "flange";
 /// That of the target.
-const TARGET: &str = "target";
+pub(super) const TARGET: &str = "target";
 /// Period of joint states and transforms. Chosen by hand: viewers draw a hundred a second at most, and all 1000 stand on `/control/joint_state`.
 const PERIOD: SpanNs = SpanNs(10_000_000);
 /// Diameter of the signs in an image, px. Chosen by hand, to be seen and to hide little.
@@ -36,7 +39,7 @@ const WARN: u8 = 30;
 const ERROR: u8 = 40;
 
 /// Red, green, blue and opacity, 0 to 1.
-type AnnotationColour = [f64; 4];
+pub(super) type AnnotationColour = [f64; 4];
 
 /// Colours of points that were seen, of where they are to be, and none. Chosen by hand, to be told apart also by those who do not see red from green.
 const SEEN: AnnotationColour = [1.0, 0.75, 0.0, 1.0];
@@ -45,18 +48,29 @@ const NOTHING: AnnotationColour = [0.0; 4];
 
 /// One message on a topic that a viewer knows.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct DerivedMessage {
-    pub(super) topic: String,
-    /// Its definition.
+pub struct DerivedMessage {
+    /// Its topic.
+    pub topic: String,
+    /// The name of its definition.
     pub(super) definition: &'static str,
     /// The instant that it is about.
-    pub(super) stamp: MonoNs,
-    pub(super) data: Vec<u8>,
+    pub stamp: MonoNs,
+    /// The message in XCDR1.
+    pub data: Vec<u8>,
+}
+
+impl DerivedMessage {
+    /// The name of its type as ROS 2 has it, and its definition with those that it uses.
+    #[must_use]
+    pub fn schema(&self) -> (String, String) {
+        (full_name(self.definition), definition(self.definition))
+    }
 }
 
 /// Makes them as the records of a run pass by.
-pub(super) struct DerivedMessages<'a> {
-    config: &'a Config,
+#[derive(Debug)]
+pub struct DerivedMessages {
+    config: Config,
     next: MonoNs,
     /// Where each point of the goal is to be, px; `None` where it is not known.
     goal_px: Option<BTreeMap<u32, Vector2<f64>>>,
@@ -64,14 +78,17 @@ pub(super) struct DerivedMessages<'a> {
     target: TargetStatus,
 }
 
-impl<'a> DerivedMessages<'a> {
-    pub(super) fn new(config: &'a Config) -> Self {
+impl DerivedMessages {
+    /// Of a run with this run file.
+    #[must_use]
+    pub fn new(config: Config) -> Self {
         let mut derived =
             Self { config, next: MonoNs(i64::MIN), goal_px: None, before: None, target: TargetStatus::Found };
-        if !config.goal.is_taught && config.stereo.is_none() {
-            let set_point = &config.set_point;
+        if !derived.config.goal.is_taught && derived.config.stereo.is_none() {
+            let set_point = &derived.config.set_point;
             let features = set_point.features().iter().map(|s| (*s).into());
-            derived.set_goal(set_point.ids().iter().copied().zip(features));
+            let points: Vec<_> = set_point.ids().iter().copied().zip(features).collect();
+            derived.set_goal(points.into_iter());
         }
         derived
     }
@@ -85,14 +102,16 @@ impl<'a> DerivedMessages<'a> {
         self.goal_px = Some(px.collect());
     }
 
-    fn camera_frame(&self) -> String {
-        format!("camera_{}", self.config.camera.id)
+    /// From here on the points of the goal are to be there, px.
+    pub fn set_goal_px(&mut self, points: impl IntoIterator<Item = (u32, [f64; 2])>) {
+        self.goal_px = Some(points.into_iter().map(|(id, px)| (id, px.into())).collect());
     }
 
-    /// Transforms that hold for the whole run.
-    pub(super) fn fixed(&self, stamp: MonoNs) -> DerivedMessage {
-        let config = self.config;
-        let camera = self.camera_frame();
+    /// What holds for the whole run: transforms, and the cell in 3D.
+    #[must_use]
+    pub fn fixed(&self, stamp: MonoNs) -> Vec<DerivedMessage> {
+        let config = &self.config;
+        let camera = camera_frame(self.config.camera.id);
         let mut transforms = Vec::new();
         match &config.camera.mount {
             Mount::EyeInHand { X_EC } => transforms.push((FLANGE, camera.clone(), *X_EC)),
@@ -103,11 +122,12 @@ impl<'a> DerivedMessages<'a> {
         if let Some(X_DO) = config.set_point.X_DO().filter(|_| !config.goal.is_taught) {
             transforms.push((TARGET, "goal".to_owned(), X_DO.inverse()));
         }
-        transform_message("/tf_static", stamp, transforms)
+        vec![transform_message("/tf_static", stamp, transforms), scene(config, stamp, [SEEN, WANTED])]
     }
 
     /// Joint states and transforms of the arm, a hundred times a second.
-    pub(super) fn joint_state(&mut self, state: &JointState) -> Vec<DerivedMessage> {
+    #[must_use]
+    pub fn joint_state(&mut self, state: &JointState) -> Vec<DerivedMessage> {
         if state.stamp < self.next {
             return Vec::new();
         }
@@ -135,11 +155,12 @@ impl<'a> DerivedMessages<'a> {
     }
 
     /// The calibration of the camera, beside each frame.
-    pub(super) fn frame(&self, header: &FrameHeader) -> Option<DerivedMessage> {
+    #[must_use]
+    pub fn frame(&self, header: &FrameHeader) -> Option<DerivedMessage> {
         let camera = self.config.cameras().find(|camera| u32::from(camera.id.0) == header.camera)?;
         let (i, lens) = (camera.model.intrinsics(), camera.model.lens());
         let mut out = CdrOutput::new();
-        out.header(header.exposure, &format!("camera_{}", camera.id));
+        out.header(header.exposure, &camera_frame(camera.id));
         out.u32(i.height_px);
         out.u32(i.width_px);
         out.text(lens.model().name());
@@ -161,10 +182,11 @@ impl<'a> DerivedMessages<'a> {
     }
 
     /// Where the target is, what is drawn on its frame, and whether it was found.
-    pub(super) fn measurement(&mut self, m: &Measurement) -> Vec<DerivedMessage> {
+    #[must_use]
+    pub fn measurement(&mut self, m: &Measurement) -> Vec<DerivedMessage> {
         let mut messages = vec![self.annotations(m)];
         if let Some(X_CO) = m.pose() {
-            let camera = self.camera_frame();
+            let camera = camera_frame(self.config.camera.id);
             messages.push(transform_message("/tf", m.exposure, vec![(&camera, TARGET.to_owned(), X_CO)]));
         }
         let status = m.target_status();
@@ -223,7 +245,8 @@ impl<'a> DerivedMessages<'a> {
     }
 
     /// What happened at a tick.
-    pub(super) fn tick(&mut self, tick: &TraceMsg) -> Vec<DerivedMessage> {
+    #[must_use]
+    pub fn tick(&mut self, tick: &TraceMsg) -> Vec<DerivedMessage> {
         let mut messages = Vec::new();
         let before = self.before.replace((tick.state, tick.fault));
         let state = ControlState::from_code(tick.state).as_str();
@@ -245,7 +268,8 @@ impl<'a> DerivedMessages<'a> {
     }
 
     /// A request of a client, which may change the goal.
-    pub(super) fn request(&mut self, request: &RequestMsg) -> Vec<DerivedMessage> {
+    #[must_use]
+    pub fn request(&mut self, request: &RequestMsg) -> Vec<DerivedMessage> {
         let word = Request::from_code(request.request).map_or("unknown", Request::as_str);
         let accepted = request.refusal == 0;
         let (level, what) = if accepted { (INFO, "accepted") } else { (WARN, "refused") };
@@ -270,6 +294,11 @@ impl<'a> DerivedMessages<'a> {
             self.goal_px = Some(px.collect());
         }
     }
+}
+
+/// The frame of a camera.
+pub(super) fn camera_frame(camera: CameraId) -> String {
+    format!("camera_{camera}")
 }
 
 fn log(stamp: MonoNs, level: u8, name: &str, what: &str) -> DerivedMessage {

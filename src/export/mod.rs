@@ -4,8 +4,10 @@
 mod cdr;
 mod definitions;
 mod derived;
+mod scene;
 mod tables;
 mod viewers;
 
+pub use derived::{DerivedMessage, DerivedMessages};
 pub use tables::{ExportedTable, write_tables};
 pub use viewers::{ViewerKind, write_for_viewers};

@@ -1,6 +1,5 @@
 //! Everything of a recording, to the bit, with what viewers know by themselves beside it.
 
-use super::definitions::{definition, full_name};
 use super::derived::{DerivedMessage, DerivedMessages};
 use crate::config::Config;
 use crate::messages::MessageRecord;
@@ -37,11 +36,12 @@ pub fn write_for_viewers<R: Read, W: Write>(
         writer.attach(name, "application/octet-stream", data)?;
     }
     let mut output = ViewerOutput { writer, kind, topics: BTreeMap::new(), counts: BTreeMap::new() };
-    let mut derived = DerivedMessages::new(config);
+    let mut derived = DerivedMessages::new(config.clone());
     let mut is_first = true;
     while let Some(message) = reader.next_message()? {
         if std::mem::take(&mut is_first) {
-            output.derived(derived.fixed(MonoNs(i64::try_from(message.stamp_ns).unwrap_or_default())))?;
+            let stamp = MonoNs(i64::try_from(message.stamp_ns).unwrap_or_default());
+            derived.fixed(stamp).into_iter().try_for_each(|made| output.derived(made))?;
         }
         output.copy(&message)?;
         for made in derive(&mut derived, &message)? {
@@ -56,7 +56,7 @@ pub fn write_for_viewers<R: Read, W: Write>(
 }
 
 fn derive(
-    derived: &mut DerivedMessages<'_>,
+    derived: &mut DerivedMessages,
     message: &RecordedMessage<'_>,
 ) -> Result<Vec<DerivedMessage>, RecordingError> {
     Ok(match message.topic() {
@@ -97,8 +97,8 @@ impl<W: Write> ViewerOutput<W> {
         let id = match self.topics.get(&message.topic) {
             Some(id) => *id,
             None => {
-                let name = full_name(message.definition);
-                let id = self.writer.add_cdr(&message.topic, &name, &definition(message.definition))?;
+                let (name, text) = message.schema();
+                let id = self.writer.add_cdr(&message.topic, &name, &text)?;
                 self.topics.insert(message.topic.clone(), id);
                 id
             }

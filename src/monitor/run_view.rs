@@ -45,6 +45,19 @@ pub struct CellFacts {
     pub rate_hz: f64,
 }
 
+/// What a run's services send to who watches it.
+#[derive(Debug, Clone, Copy)]
+pub enum RunRecord {
+    /// A state of the run.
+    Status(Status),
+    /// A tick of control.
+    Tick(TraceMsg),
+    /// A measurement of the first camera.
+    Measurement(Measurement),
+    /// How a real camera stands.
+    Health(CameraId, CameraHealth),
+}
+
 /// A record, and when it came by the watcher's own clock.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Newest<T> {
@@ -92,6 +105,17 @@ impl RunView {
     #[must_use]
     pub fn new(facts: CellFacts) -> Self {
         Self { facts, ..Self::default() }
+    }
+
+    /// Takes in what came at `now` of the watcher's clock. Whether the goal may be another one than the known one.
+    pub fn take(&mut self, record: &RunRecord, now: MonoNs) -> bool {
+        match record {
+            RunRecord::Status(status) => return self.status(status, now),
+            RunRecord::Tick(tick) => self.tick(tick),
+            RunRecord::Measurement(measurement) => self.measurement(measurement, now),
+            RunRecord::Health(camera, health) => self.health(*camera, health),
+        }
+        false
     }
 
     /// Takes in a state of the run that came at `now` of the watcher's clock. Whether the goal may be another one than the known one.
@@ -162,6 +186,12 @@ impl RunView {
     /// Takes in where the points of the goal are to be, px.
     pub fn goal(&mut self, points_px: impl IntoIterator<Item = (u32, [f64; 2])>) {
         self.goal_px = points_px.into_iter().collect();
+    }
+
+    /// Where each point of the goal is to be, px, by its number.
+    #[must_use]
+    pub fn goal_px(&self) -> &BTreeMap<u32, [f64; 2]> {
+        &self.goal_px
     }
 
     /// What became of a request of this user.

@@ -5,9 +5,9 @@ use crate::messages::{FieldValue, FrameHeader};
 use crate::time::MonoNs;
 
 /// Name of the definition.
-pub(super) const NAME: &str = "sensor_msgs/msg/Image";
+pub(crate) const NAME: &str = "sensor_msgs/msg/Image";
 /// The definition (sensor_msgs of ROS 2 Humble, without its comments).
-pub(super) const SCHEMA: &str = "std_msgs/Header header
+pub(crate) const SCHEMA: &str = "std_msgs/Header header
 uint32 height
 uint32 width
 string encoding
@@ -50,7 +50,7 @@ impl<'a> ImageMessage<'a> {
     }
 
     /// Appends the message; `camera` is the name of its coordinate frame.
-    pub(super) fn put(&self, camera: &str, bytes: &mut Vec<u8>) {
+    pub(crate) fn put(&self, camera: &str, bytes: &mut Vec<u8>) {
         bytes.extend_from_slice(&CDR_LITTLE_ENDIAN);
         let begin = bytes.len();
         let seconds = i32::try_from(self.stamp.0.div_euclid(NS_PER_S)).unwrap_or_default();

@@ -21,6 +21,7 @@ mod tests;
 mod writer;
 
 pub use image_message::{ImageMessage, RosImage, compressed_image};
+pub(crate) use image_message::{NAME as IMAGE_NAME, SCHEMA as IMAGE_SCHEMA};
 pub use reader::{RecordedMessage, RecordingReader};
 pub use ros2_schema::{ros2_name, ros2_schema};
 pub use sequence_counter::SequenceCounter;

@@ -24,6 +24,7 @@ mod export;
 mod external_camera;
 mod external_drive;
 mod external_drive_joins;
+mod foxglove;
 mod gains;
 mod goal_reached;
 mod guardian;

@@ -12,16 +12,16 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 /// A watcher of an instance, and the address that it printed.
-struct Watch {
+pub(crate) struct Watch {
     child: Child,
-    address: SocketAddr,
+    pub(crate) address: SocketAddr,
     /// Behind the `?` of that address.
-    query: String,
+    pub(crate) query: String,
     told: Arc<Mutex<Vec<String>>>,
 }
 
 impl Watch {
-    fn start(instance: &str, arguments: &[&str]) -> Self {
+    pub(crate) fn start(instance: &str, arguments: &[&str]) -> Self {
         let mut command = vservo();
         command.args(["watch", "--port", "0", "--instance", instance]).args(arguments);
         let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
@@ -59,11 +59,11 @@ impl Watch {
     }
 
     /// Waits until it has said `word` on stderr.
-    fn wait_for(&self, word: &str) {
+    pub(crate) fn wait_for(&self, word: &str) {
         wait_until(word, || self.told.lock().unwrap().iter().any(|line| line.contains(word)));
     }
 
-    fn ended(mut self) {
+    pub(crate) fn ended(mut self) {
         kill(self.child.id() as i32, "INT");
         let status = self.child.wait().unwrap();
         assert_eq!(status.code(), Some(0), "{:?}", self.told);

@@ -1,5 +1,6 @@
 //! `vservo watch`: a running instance in a browser. It reads what `vservo monitor` reads, without real-time priority, and orders nothing.
 
+mod foxglove;
 mod live;
 mod page;
 mod process_facts;
@@ -19,6 +20,7 @@ use crate::rt::{now, tell};
 use crate::time::{MonoNs, SpanNs};
 use clap::Args;
 use clap_complete::engine::ArgValueCompleter;
+use foxglove::{ChannelHub, LivePublisher};
 use live::{Live, WatchMoment};
 use process_facts::ProcessFacts;
 use request::ViewerGate;
@@ -52,6 +54,9 @@ pub struct WatchArguments {
     /// Address of this machine at which others may look too, with the token that is printed; without it 127.0.0.1 alone
     #[arg(long, value_name = "ADDRESS")]
     pub listen: Option<IpAddr>,
+    /// Origin of pages that may read along through the WebSocket, as https://viewer.example; again for more. Those of this machine and Foxglove's own may
+    #[arg(long, value_name = "ORIGIN")]
+    pub origin: Vec<String>,
 }
 
 /// A run that is there, and what is shown of it.
@@ -59,6 +64,7 @@ struct WatchSession {
     run: WatchedRun,
     view: RunView,
     processes: ProcessFacts,
+    publisher: LivePublisher,
 }
 
 /// Shows the runs of an instance, one after the other, until a signal; the exit code.
@@ -70,12 +76,14 @@ pub(super) fn watch(arguments: &WatchArguments) -> Result<u8, ProcessError> {
     let (listener, gate, url) = listen(arguments)?;
     let live = Arc::new(Live::default());
     live.show(WatchMoment::without_run(&waits_for(&instance)));
-    server::serve(listener, gate, Arc::clone(&live))?;
-    let code = shown(&format!("{url}\n"), 0);
+    let hub = Arc::new(ChannelHub::default());
+    server::serve(listener, gate, Arc::clone(&live), Arc::clone(&hub))?;
+    let socket = url.replacen("http", "ws", 1);
+    let code = shown(&format!("{url}\n{socket} (Foxglove)\n"), 0);
     if code != 0 {
         return Ok(code); // nobody knows the address
     }
-    watch_runs(arguments, &instance, &stop, &live);
+    watch_runs(arguments, &instance, &stop, (&live, &hub));
     Ok(0)
 }
 
@@ -89,7 +97,8 @@ fn listen(arguments: &WatchArguments) -> Result<(TcpListener, ViewerGate, String
     let token = token.map_err(|cause| ProcessError::Start { what: "watching: no random numbers", cause })?;
     let query = token.as_ref().map(|token| format!("?token={token}")).unwrap_or_default();
     let url = format!("http://{bound}/{query}");
-    Ok((listener, ViewerGate { token, address: arguments.listen }, url))
+    let origins = arguments.origin.clone();
+    Ok((listener, ViewerGate { token, address: arguments.listen, origins }, url))
 }
 
 /// Random letters that nobody guesses.
@@ -103,14 +112,19 @@ fn waits_for(instance: &Instance) -> String {
     format!("no run of instance `{instance}` is there: waits for one")
 }
 
-fn watch_runs(arguments: &WatchArguments, instance: &Instance, stop: &StopFlag, live: &Live) {
+fn watch_runs(
+    arguments: &WatchArguments,
+    instance: &Instance,
+    stop: &StopFlag,
+    (live, hub): (&Live, &Arc<ChannelHub>),
+) {
     let (mut session, mut shows_end): (Option<WatchSession>, bool) = (None, false);
     let (mut next_try, mut runs, mut looks, mut told) = (MonoNs::ZERO, 0, 0_u64, String::new());
     while !stop.is_requested() {
         let time = now();
         if session.is_none() && time >= next_try {
             next_try = time + NEXT_RUN_PERIOD;
-            let word = match join(arguments, instance) {
+            let word = match join(arguments, instance, (runs + 1, hub)) {
                 Ok(joined) => {
                     (runs, shows_end, session) = (runs + 1, false, Some(joined));
                     format!("run {runs} of instance `{instance}` is shown")
@@ -128,8 +142,7 @@ fn watch_runs(arguments: &WatchArguments, instance: &Instance, stop: &StopFlag, 
         }
         if let Some(mut present) = session.take() {
             let is_moment = looks.is_multiple_of(LOOKS_PER_MOMENT);
-            let images = live.wants_images(time) && is_moment;
-            if let Some(why) = look(&mut present, images.then_some(live), time) {
+            if let Some(why) = look(&mut present, is_moment.then_some(live), time) {
                 present.view.end(format!("{why}; waits for the next run of instance `{instance}`"));
                 live.show(WatchMoment::of(runs, &present.view, present.view.snapshot(time, Vec::new())));
                 shows_end = true;
@@ -146,22 +159,40 @@ fn watch_runs(arguments: &WatchArguments, instance: &Instance, stop: &StopFlag, 
     }
 }
 
-/// Joins the run that is there.
-fn join(arguments: &WatchArguments, instance: &Instance) -> Result<WatchSession, ProcessError> {
+/// Joins the run that is there, the `run`-th of this watcher.
+fn join(
+    arguments: &WatchArguments,
+    instance: &Instance,
+    (run, hub): (u64, &Arc<ChannelHub>),
+) -> Result<WatchSession, ProcessError> {
     let client = Client::connect(&arguments.instance)?;
     let config = config_of_run(arguments.config.as_deref(), &[], instance)?;
     let facts = CellFacts { has_keys: false, ..CellFacts::of(instance, &config) };
-    let run = WatchedRun::join(client, config)?.with_images()?;
-    Ok(WatchSession { run, view: RunView::new(facts), processes: ProcessFacts::of(instance) })
+    let watched = WatchedRun::join(client, config)?.with_images()?;
+    let publisher = LivePublisher::new(Arc::clone(hub), run, &arguments.instance, watched.config());
+    Ok(WatchSession {
+        run: watched,
+        view: RunView::new(facts),
+        processes: ProcessFacts::of(instance),
+        publisher,
+    })
 }
 
-/// Takes what came, images where they are to be shown; why nothing comes any more, where that is so.
-fn look(session: &mut WatchSession, images: Option<&Live>, time: MonoNs) -> Option<String> {
-    let looked = session.run.take_all(&mut session.view, time).and_then(|is_there| {
-        if let Some(live) = images.filter(|_| is_there)
-            && let Some(frame) = session.run.image()?
+/// Takes what came, and an image where one is to be shown by `live` or elsewhere; why nothing comes any more, where that is so.
+fn look(session: &mut WatchSession, live: Option<&Live>, time: MonoNs) -> Option<String> {
+    let WatchSession { run, view, publisher, .. } = session;
+    let goal_px = view.goal_px().clone();
+    let looked = run.take_all(view, time, &mut |record| publisher.publish(record, &goal_px));
+    let looked = looked.and_then(|is_there| {
+        let shown = live.filter(|live| live.wants_images(time));
+        if is_there
+            && (shown.is_some() || live.is_some() && publisher.wants_images())
+            && let Some(frame) = run.image()?
         {
-            live.show_image(frame.header(), frame.pixels().to_vec());
+            publisher.image(&frame.header(), frame.pixels());
+            if let Some(live) = shown {
+                live.show_image(frame.header(), frame.pixels().to_vec());
+            }
         }
         Ok(is_there)
     });

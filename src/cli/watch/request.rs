@@ -1,6 +1,8 @@
 //! The head of a request, as RFC 9112 has it: what is asked for, and whether it may be. Whatever else comes is refused with a status and a reason.
 
+use super::foxglove::{PROTOCOLS, SocketRequest};
 use std::net::IpAddr;
+use tungstenite::handshake::derive_accept_key;
 
 /// Longest head of a request, bytes. Chosen by hand: those of browsers have about 1 kB, and servers usually take 8.
 pub(super) const MAX_HEAD: usize = 8192;
@@ -26,17 +28,26 @@ pub(super) enum RequestRefusal {
     Unknown,
     /// As many viewers as may be are there.
     Crowded,
+    /// A page of others wants to read along.
+    Origin,
+    /// It wants a WebSocket that speaks something else.
+    Protocol,
 }
+
+/// Where pages come from that read along beside those of this machine: the viewer that most use, in its own place. Others are named by the user.
+const KNOWN_ORIGINS: [&str; 1] = ["https://app.foxglove.dev"];
+/// What programs give that are no pages, and no page can give.
+const NO_PAGE: &str = "file://";
 
 impl RequestRefusal {
     /// The status line's part.
     pub(super) fn status(self) -> &'static str {
         match self {
-            Self::Malformed => "400 Bad Request",
+            Self::Malformed | Self::Protocol => "400 Bad Request",
             Self::TooSlow | Self::Silent => "408 Request Timeout",
             Self::TooLong => "431 Request Header Fields Too Large",
             Self::Method => "405 Method Not Allowed",
-            Self::Host | Self::Token => "403 Forbidden",
+            Self::Host | Self::Token | Self::Origin => "403 Forbidden",
             Self::Unknown => "404 Not Found",
             Self::Crowded => "503 Service Unavailable",
         }
@@ -52,13 +63,19 @@ impl RequestRefusal {
             Self::Host => "the request names another host: use the address that `vservo watch` printed",
             Self::Token => "the token is missing or wrong: use the whole address that `vservo watch` printed",
             Self::Unknown => "there is no such page",
+            Self::Origin => {
+                "a page of another origin wants to read along: name it with `vservo watch --origin` if it may"
+            }
+            Self::Protocol => {
+                "a WebSocket here speaks version 13 and foxglove.websocket.v1 or foxglove.sdk.v1"
+            }
             Self::Crowded => "as many viewers as may be are there: close one, or try again",
         }
     }
 }
 
 /// What can be asked for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum WantedPart {
     /// The page.
     Page,
@@ -66,6 +83,8 @@ pub(super) enum WantedPart {
     Events,
     /// The first image with another number than this.
     Image(u64),
+    /// Everything live, through a socket.
+    Socket(SocketRequest),
 }
 
 /// To whom requests must be addressed.
@@ -75,6 +94,56 @@ pub(super) struct ViewerGate {
     pub(super) token: Option<String>,
     /// The address that was asked for to listen at.
     pub(super) address: Option<IpAddr>,
+    /// Origins of pages that may read along, beside those of this machine and the known ones.
+    pub(super) origins: Vec<String>,
+}
+
+/// What a head says of a WebSocket.
+#[derive(Debug, Default)]
+struct SocketHead<'a> {
+    upgrade: Option<&'a str>,
+    key: Option<&'a str>,
+    version: Option<&'a str>,
+    protocols: Vec<&'a str>,
+    origin: Option<&'a str>,
+}
+
+impl<'a> SocketHead<'a> {
+    fn note(&mut self, name: &str, value: &'a str) {
+        match name.to_ascii_lowercase().as_str() {
+            "upgrade" => self.upgrade = Some(value),
+            "sec-websocket-key" => self.key = Some(value),
+            "sec-websocket-version" => self.version = Some(value),
+            "sec-websocket-protocol" => self.protocols.extend(value.split(',').map(str::trim)),
+            "origin" => self.origin = Some(value),
+            _ => {}
+        }
+    }
+
+    fn is_asked_for(&self) -> bool {
+        self.upgrade.is_some_and(|upgrade| upgrade.eq_ignore_ascii_case("websocket"))
+    }
+
+    /// The socket that is asked for. Whoever sends an origin is a page, which the browser lets connect wherever it wants.
+    fn request(&self, gate: &ViewerGate, own: &[Option<IpAddr>]) -> Result<SocketRequest, RequestRefusal> {
+        let may_read = |origin: &str| {
+            let host = origin.strip_prefix("http://").or_else(|| origin.strip_prefix("https://"));
+            origin == NO_PAGE
+                || host.is_some_and(|host| is_own_host(host, own))
+                || KNOWN_ORIGINS.contains(&origin)
+                || gate.origins.iter().any(|known| known == origin)
+        };
+        if !self.origin.is_none_or(may_read) {
+            return Err(RequestRefusal::Origin);
+        }
+        let protocol = PROTOCOLS.into_iter().find(|known| self.protocols.contains(known));
+        match (self.key, protocol) {
+            (Some(key), Some(protocol)) if self.version == Some("13") => {
+                Ok(SocketRequest { accept: derive_accept_key(key.as_bytes()), protocol })
+            }
+            _ => Err(RequestRefusal::Protocol),
+        }
+    }
 }
 
 /// What is wanted by a whole head, which came to the address `local` of this machine.
@@ -95,7 +164,7 @@ pub(super) fn wanted(
     if !is_token(method) || !version.starts_with("HTTP/1.") || !target.starts_with('/') {
         return Err(RequestRefusal::Malformed);
     }
-    let mut host = None;
+    let (mut host, mut socket) = (None, SocketHead::default());
     for line in lines.take_while(|line| !line.is_empty()) {
         let (name, value) =
             line.split_once(':').filter(|(name, _)| is_token(name)).ok_or(RequestRefusal::Malformed)?;
@@ -103,6 +172,7 @@ pub(super) fn wanted(
         if name.eq_ignore_ascii_case("host") && host.replace(value.trim()).is_some() {
             return Err(RequestRefusal::Malformed);
         }
+        socket.note(name, value.trim());
     }
     // whoever it is for comes first: others are told nothing of what there is
     let own = [gate.address, local];
@@ -122,6 +192,7 @@ pub(super) fn wanted(
         return Err(RequestRefusal::Token);
     }
     match path {
+        "/" if socket.is_asked_for() => socket.request(gate, &own).map(WantedPart::Socket),
         "/" => Ok(WantedPart::Page),
         "/events" => Ok(WantedPart::Events),
         "/image.png" => Ok(WantedPart::Image(value("after").and_then(|v| v.parse().ok()).unwrap_or(0))),
@@ -215,7 +286,7 @@ mod tests {
 
     #[test]
     fn names_that_others_can_give_are_no_hosts() {
-        let gate = ViewerGate { token: None, address: "192.168.1.5".parse().ok() };
+        let gate = ViewerGate { address: "192.168.1.5".parse().ok(), ..ViewerGate::default() };
         let host = |host: &str| {
             let head = format!("GET / HTTP/1.1\r\nHost: {host}\r\n\r\n");
             wanted(head.as_bytes(), &gate, "10.0.0.2".parse().ok()).is_ok()
@@ -250,7 +321,7 @@ mod tests {
 
     #[test]
     fn a_token_is_asked_for_of_every_path() {
-        let gate = ViewerGate { token: Some("0123abcd".into()), address: None };
+        let gate = ViewerGate { token: Some("0123abcd".into()), ..ViewerGate::default() };
         let get = |target: &str| {
             wanted(format!("GET {target} HTTP/1.1\r\nHost: localhost\r\n\r\n").as_bytes(), &gate, None)
         };
@@ -263,6 +334,37 @@ mod tests {
         }
         assert_eq!(get("/events?token=0123abcd"), Ok(WantedPart::Events));
         assert_eq!(get("/image.png?after=3&token=0123abcd"), Ok(WantedPart::Image(3)));
+    }
+
+    #[test]
+    fn sockets_are_for_programs_and_pages_that_may_read() {
+        let socket = |origin: &str, protocols: &str, version: &str| {
+            let gate = ViewerGate { origins: vec!["https://viewer.example".into()], ..ViewerGate::default() };
+            let origin = if origin.is_empty() { String::new() } else { format!("Origin: {origin}\r\n") };
+            let head = format!(
+                "GET / HTTP/1.1\r\nHost: localhost:8470\r\nUpgrade: WebSocket\r\nConnection: Upgrade\r\n{origin}\
+                 Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: {version}\r\n\
+                 Sec-WebSocket-Protocol: {protocols}\r\n\r\n"
+            );
+            wanted(head.as_bytes(), &gate, None)
+        };
+        // The key and what it becomes are the example of RFC 6455, Sect. 1.3.
+        let accept = "s3pPLMBiTxaQ9kYGzzhZRbK+xOo=".to_owned();
+        let [old, new] = PROTOCOLS;
+        let granted = |protocol| Ok(WantedPart::Socket(SocketRequest { accept: accept.clone(), protocol }));
+        assert_eq!(socket("", old, "13"), granted(old));
+        assert_eq!(socket("", &format!("{new}, {old}"), "13"), granted(old));
+        assert_eq!(socket("", new, "13"), granted(new));
+        for own in ["file://", "http://localhost:8080", "https://127.0.0.1", "http://[::1]:3000"] {
+            assert_eq!(socket(own, old, "13"), granted(old), "{own}");
+        }
+        assert_eq!(socket("https://app.foxglove.dev", old, "13"), granted(old));
+        assert_eq!(socket("https://viewer.example", old, "13"), granted(old));
+        for other in ["null", "https://evil.example", "https://app.foxglove.dev.evil.example", "localhost"] {
+            assert_eq!(socket(other, old, "13"), Err(RequestRefusal::Origin), "{other}");
+        }
+        assert_eq!(socket("", "graphql-ws", "13"), Err(RequestRefusal::Protocol));
+        assert_eq!(socket("", old, "8"), Err(RequestRefusal::Protocol));
     }
 
     proptest! {

@@ -1,6 +1,7 @@
-//! A small server of HTTP/1.1: a thread for each connection, which answers one request and ends. All of it is bounded: connections, the head of a request, and
+//! A small server of HTTP/1.1: a thread for each connection, which answers one request and ends; one that asks for a WebSocket stays (`foxglove/`). All of it is bounded: connections, the head of a request, and
 //! the time in which a head must come and an answer must be taken. A viewer that does not keep to it is dropped with a word, and the others go on.
 
+use super::foxglove::{ChannelHub, serve_viewer};
 use super::live::{Live, Sent};
 use super::page::PAGE;
 use super::request::{MAX_HEAD, RequestRefusal, ViewerGate, WantedPart, is_head_byte, wanted};
@@ -40,7 +41,12 @@ const HEADERS: &str = "Connection: close\r\nCache-Control: no-store\r\nX-Content
     img-src 'self' blob: data:; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'\r\n";
 
 /// Serves viewers from a thread of its own, until this process ends.
-pub(super) fn serve(listener: TcpListener, gate: ViewerGate, live: Arc<Live>) -> Result<(), ProcessError> {
+pub(super) fn serve(
+    listener: TcpListener,
+    gate: ViewerGate,
+    live: Arc<Live>,
+    hub: Arc<ChannelHub>,
+) -> Result<(), ProcessError> {
     let (gate, count, refused) = (Arc::new(gate), Arc::default(), Arc::default());
     let work = move || {
         loop {
@@ -51,10 +57,10 @@ pub(super) fn serve(listener: TcpListener, gate: ViewerGate, live: Arc<Live>) ->
             let viewed = ViewerPlace::take(&count, MAX_CONNECTIONS);
             let is_viewed = viewed.is_some();
             let Some(place) = viewed.or_else(|| ViewerPlace::take(&refused, MAX_REFUSED)) else { continue };
-            let (gate, live) = (Arc::clone(&gate), Arc::clone(&live));
+            let (gate, live, hub) = (Arc::clone(&gate), Arc::clone(&live), Arc::clone(&hub));
             let viewer = move || {
                 let result = if is_viewed {
-                    answer(&stream, &gate, &live)
+                    answer(&stream, &gate, (&live, &hub))
                 } else {
                     refuse(&stream, RequestRefusal::Crowded)
                 };
@@ -92,7 +98,7 @@ impl Drop for ViewerPlace {
 }
 
 /// Answers one request. `Err`: why the viewer was dropped, for people; one that leaves is not dropped.
-fn answer(stream: &TcpStream, gate: &ViewerGate, live: &Live) -> Result<(), String> {
+fn answer(stream: &TcpStream, gate: &ViewerGate, (live, hub): (&Live, &ChannelHub)) -> Result<(), String> {
     let _ = rustix::net::sockopt::set_socket_send_buffer_size(stream, SEND_BUFFER);
     let local = stream.local_addr().ok().as_ref().map(SocketAddr::ip);
     let head = match read_head(stream) {
@@ -112,6 +118,9 @@ fn answer(stream: &TcpStream, gate: &ViewerGate, live: &Live) -> Result<(), Stri
             None => send(stream, format!("HTTP/1.1 204 No Content\r\n{HEADERS}\r\n").as_bytes()),
         }),
         Ok(WantedPart::Events) => sent(send_events(stream, live)),
+        Ok(WantedPart::Socket(request)) => {
+            sent(serve_viewer(stream, &request, hub, Duration::from_nanos(SEND_TIME.0.unsigned_abs())))
+        }
         Err(refused) => refuse(stream, refused),
     }
 }
