@@ -142,9 +142,9 @@ fn a_program_that_speaks_the_protocol_is_sent_what_it_asks_for() {
     late.subscribe("/rosout");
     wait_until("servoing", || daemon.state() != "idle");
     daemon.accepts("shutdown");
-    assert_eq!(daemon.ended().0, Some(0));
-    watch.wait_for("waits for");
+    watch.wait_for("waits for one");
     watch.ended();
+    assert_eq!(daemon.ended().0, Some(0));
 }
 
 /// Decodes the messages of a run by the definitions that come with them.
