@@ -226,6 +226,21 @@ fn a_driver_that_dies_leaves_an_arm_at_rest() {
     arm.make_ready().unwrap();
 }
 
+/// One that gives up stops the arm first, and leaves a robot without an error.
+#[test]
+fn a_driver_that_gives_up_stops_the_motion() {
+    for kind in [CommandKind::Position, CommandKind::Torque] {
+        let robot = robot();
+        let mut arm = started(settings(&robot), kind).unwrap();
+        drive(&mut arm, 0.4, swing).unwrap();
+        arm.abandon();
+        drop(arm);
+        assert_at_rest(&robot);
+        assert_eq!(robot.mode(), (RobotMode::Idle, false));
+        assert_eq!(robot.log(), [""; 0]);
+    }
+}
+
 #[test]
 fn a_second_driver_is_turned_away() {
     let robot = robot();

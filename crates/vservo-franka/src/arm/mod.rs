@@ -30,6 +30,8 @@ const STANDING: u32 = 20;
 const RESTED: u32 = 20;
 /// Longest wait for rest. Chosen by hand: 5.26 rad/s at 10 rad/s2 take 0.6 s.
 const REST: Duration = Duration::from_secs(3);
+/// Longest wait for a stop that was asked for after a fault. Chosen by hand: 5.26 rad/s at 10 rad/s2 take 0.53 s.
+const STOP: Duration = Duration::from_secs(1);
 /// A position that is farther away in time is not carried on any farther, ns. Chosen by hand: as long as the robot goes on without commands.
 const OLDEST_NS: i64 = 20_000_000;
 /// Stiffness and damping with which torques hold the arm, N m/rad and N m s/rad for each N m of a joint's torque. Chosen by hand: with an inertia of a hundredth of that torque
@@ -349,9 +351,13 @@ impl Arm {
     /// After a fault: whatever can still be done so that the arm stands. What fails here, the robot does by itself, 20 ms after the last command.
     pub fn abandon(&mut self) {
         self.halt = None;
-        if self.motion.take().is_some() {
-            let _ = self.client.send(&Request::StopMove);
+        if self.motion.take().is_none() || self.client.send(&Request::StopMove).is_err() {
+            return;
         }
+        // A robot that is left while it brakes takes that for a lost connection.
+        let clock = self.settings.clock;
+        let deadline = clock() + nanoseconds(STOP);
+        while self.is_in_motion() && clock() < deadline && self.next(Duration::from_millis(20)).is_ok() {}
     }
 
     /// The newest of what has come, or the next.

@@ -217,7 +217,8 @@ impl Core {
 
     /// The client is gone.
     pub(super) fn abandon(&mut self) {
-        if self.motion.is_some() {
+        // A motion that is being ended needs nobody.
+        if self.motion.is_some_and(|motion| motion.ends.is_none()) {
             self.reflex(RobotError::Communication.bit());
         }
         self.replies.clear();
