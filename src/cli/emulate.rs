@@ -1,6 +1,6 @@
 //! `vservo emulate`: a robot that there is not, for whoever wants to see the whole way without one.
 
-use super::emulate_franka::{EmulateFrankaArguments, emulate_franka};
+use super::emulate_franka::{EmulateFrankaArguments, emulate_franka, timed_fault};
 use crate::config::Config;
 use crate::config::assemble::{AssembleError, q_start, simulated_settings};
 use crate::drive::{CommandMode, Drive, DriveCommand, SimulatedDrive};
@@ -11,7 +11,6 @@ use clap::{Args, Subcommand, ValueEnum};
 use nalgebra::SVector;
 use std::net::IpAddr;
 use std::path::PathBuf;
-use std::str::FromStr;
 use std::time::Duration;
 use vservo_ur::emulator::{Emulator, EmulatorSettings, Fault, JointModel};
 use vservo_ur::{JOINTS, Joints, Series};
@@ -59,15 +58,8 @@ pub struct EmulateUrArguments {
     #[arg(long)]
     pub off: bool,
     /// What goes wrong, and when, s after the start: for example protective-stop@12.5; may be repeated
-    #[arg(long, value_name = "FAULT@S", value_parser = fault::<Fault>)]
+    #[arg(long, value_name = "FAULT@S", value_parser = timed_fault::<Fault>)]
     pub fault: Vec<(Fault, f64)>,
-}
-
-/// A fault, and when it comes, s.
-pub(super) fn fault<F: FromStr<Err = String>>(text: &str) -> Result<(F, f64), String> {
-    let (word, time) = text.split_once('@').unwrap_or((text, "0"));
-    let seconds: f64 = time.parse().map_err(|_| format!("`{time}` is no time"))?;
-    Ok((word.parse()?, seconds))
 }
 
 /// Emulates a robot until a stop is requested.

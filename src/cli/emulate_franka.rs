@@ -1,6 +1,5 @@
 //! `vservo emulate franka`: the arm of a run file behind a controller that speaks FCI.
 
-use super::emulate::fault;
 use crate::config::Config;
 use crate::config::assemble::{AssembleError, q_start, simulated_settings};
 use crate::drive::{CommandMode, Drive, DriveCommand, SimulatedDrive, SimulatedDriveSettings};
@@ -12,6 +11,7 @@ use clap::Args;
 use nalgebra::SVector;
 use std::net::IpAddr;
 use std::path::PathBuf;
+use std::str::FromStr;
 use std::time::Duration;
 use vservo_franka::emulator::{Emulator, EmulatorSettings, Fault, JointPlant};
 use vservo_franka::{JOINTS, JointLimits, Joints};
@@ -35,8 +35,15 @@ pub struct EmulateFrankaArguments {
     #[arg(long, value_name = "N", default_value_t = vservo_franka::emulator::MISSED_CYCLES, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     pub missed_cycles: u32,
     /// What goes wrong, and when, s after the start: for example reflex@12.5; may be repeated
-    #[arg(long, value_name = "FAULT@S", value_parser = fault::<Fault>)]
+    #[arg(long, value_name = "FAULT@S", value_parser = timed_fault::<Fault>)]
     pub fault: Vec<(Fault, f64)>,
+}
+
+/// A fault of either maker's emulator, and when it comes, s: `reflex@12.5`.
+pub(super) fn timed_fault<F: FromStr<Err = String>>(text: &str) -> Result<(F, f64), String> {
+    let (word, time) = text.split_once('@').unwrap_or((text, "0"));
+    let seconds: f64 = time.parse().map_err(|_| format!("`{time}` is no time"))?;
+    Ok((word.parse()?, seconds))
 }
 
 /// Emulates a robot until a stop is requested.
