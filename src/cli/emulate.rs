@@ -1,5 +1,6 @@
 //! `vservo emulate`: a robot that there is not, for whoever wants to see the whole way without one.
 
+use super::emulate_franka::{EmulateFrankaArguments, emulate_franka, timed_fault};
 use crate::config::Config;
 use crate::config::assemble::{AssembleError, q_start, simulated_settings};
 use crate::drive::{CommandMode, Drive, DriveCommand, SimulatedDrive};
@@ -22,6 +23,8 @@ const MOST_RAD: f64 = 4.0 * std::f64::consts::PI;
 pub enum EmulateCommand {
     /// An arm of Universal Robots: RTDE, dashboard, and programs, on loopback addresses alone
     Ur(EmulateUrArguments),
+    /// An arm of Franka: its real-time interface (FCI), on loopback addresses alone
+    Franka(EmulateFrankaArguments),
 }
 
 /// Series of Universal Robots.
@@ -55,19 +58,19 @@ pub struct EmulateUrArguments {
     #[arg(long)]
     pub off: bool,
     /// What goes wrong, and when, s after the start: for example protective-stop@12.5; may be repeated
-    #[arg(long, value_name = "FAULT@S", value_parser = fault)]
+    #[arg(long, value_name = "FAULT@S", value_parser = timed_fault::<Fault>)]
     pub fault: Vec<(Fault, f64)>,
-}
-
-fn fault(text: &str) -> Result<(Fault, f64), String> {
-    let (word, time) = text.split_once('@').unwrap_or((text, "0"));
-    let seconds: f64 = time.parse().map_err(|_| format!("`{time}` is no time"))?;
-    Ok((word.parse()?, seconds))
 }
 
 /// Emulates a robot until a stop is requested.
 pub(super) fn emulate(what: &EmulateCommand) -> Result<u8, ProcessError> {
-    let EmulateCommand::Ur(arguments) = what;
+    match what {
+        EmulateCommand::Ur(arguments) => emulate_ur(arguments),
+        EmulateCommand::Franka(arguments) => emulate_franka(arguments),
+    }
+}
+
+fn emulate_ur(arguments: &EmulateUrArguments) -> Result<u8, ProcessError> {
     let stop = StopFlag::on_signals()?;
     let config = Config::load(Some(&arguments.config), &arguments.set)?;
     let mut settings = simulated_settings::<JOINTS>(&config)?;

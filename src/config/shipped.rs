@@ -26,6 +26,7 @@ shipped! {
     "chessboard";
     "default";
     "dot-grid";
+    "fr3-emulated";
     "hand-held" needs "real-camera.yaml";
     "pan_tilt";
     "panda";

@@ -254,6 +254,10 @@ pub enum ProcessError {
     #[cfg(feature = "cli")]
     #[error(transparent)]
     Ur(#[from] vservo_ur::UrError),
+    /// A robot cannot be used, or no longer.
+    #[cfg(feature = "cli")]
+    #[error(transparent)]
+    Franka(#[from] vservo_franka::FrankaError),
     /// Control has sent no command to a drive for too long.
     #[error("no command from control for {milliseconds} ms: the arm was braked, and is at rest")]
     NoCommands {
@@ -343,7 +347,7 @@ impl ProcessError {
             Self::Experiment(error) => error.exit_code(),
             Self::Source(error) if error.is_internal() => 1,
             Self::Write { cause, .. } if IsRead::is_cause_of(cause) => 2,
-            Self::CameraAway { .. } | Self::Ur(_) | Self::NoCommands { .. } => 4,
+            Self::CameraAway { .. } | Self::Ur(_) | Self::Franka(_) | Self::NoCommands { .. } => 4,
             Self::Config(_)
             | Self::Source(_)
             | Self::NoSuchCamera { .. }

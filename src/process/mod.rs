@@ -8,7 +8,11 @@ pub mod control;
 #[cfg(feature = "cli")]
 pub mod drive_check;
 #[cfg(feature = "cli")]
+pub mod drive_franka;
+#[cfg(feature = "cli")]
 pub mod drive_guard;
+#[cfg(feature = "cli")]
+mod drive_robot;
 #[cfg(feature = "cli")]
 pub mod drive_ur;
 mod error;

@@ -15,6 +15,7 @@ mod detect_and_print;
 #[path = "../common/drive.rs"]
 mod drive;
 mod drive_check;
+mod drive_franka;
 mod drive_imperfections;
 mod drive_ur;
 mod dry_run;

@@ -12,7 +12,7 @@ mod state;
 pub use recovery::Recovered;
 pub use state::{ArmSettings, ArmState, Command};
 
-use crate::clock_map::ClockMap;
+use crate::ClockMap;
 use crate::dashboard::Dashboard;
 use crate::program::{ProgramSettings, command, state as program_state};
 use crate::robot::{RobotMode, RuntimeState, Series, Version};

@@ -11,7 +11,7 @@
 //! Nothing here reads a clock on behalf of a caller: [`Clock`] is handed in, so that stamps are those of the caller's own clock.
 
 pub mod arm;
-pub mod clock_map;
+
 pub mod dashboard;
 pub mod emulator;
 pub mod error;
@@ -20,9 +20,9 @@ pub mod robot;
 pub mod rtde;
 
 pub use arm::{Arm, ArmSettings, Command};
-pub use clock_map::ClockMap;
 pub use error::UrError;
 pub use robot::{RobotMode, RuntimeState, SafetyMode, Series, Version};
+pub use vservo_clock::ClockMap;
 
 /// Joints of every arm of this maker.
 pub const JOINTS: usize = 6;

@@ -1,6 +1,6 @@
 //! What an arm is told to be, and what it tells: settings, commands, states.
 
-use crate::clock_map::ClockMap;
+use crate::ClockMap;
 use crate::program::state as program_state;
 use crate::robot::{RobotMode, RuntimeState, SafetyMode};
 use crate::rtde::Recipe;
