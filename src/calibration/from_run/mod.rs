@@ -13,6 +13,7 @@
 
 mod problem;
 mod refinement;
+mod unknowns;
 mod views;
 
 pub use problem::refine_from_run;

@@ -4,28 +4,13 @@
 //! less, by their spread; where they are nearer, nothing counts more.
 
 use super::refinement::{RunRefinement, RunRefinementError};
+use super::unknowns::{OBJECT, PRIOR, RunUnknowns, SIZE, STAMPS, UNKNOWNS, lens_of, mount_of};
 use super::views::{RunCell, RunViews, SeenView};
 use crate::calibration::JointTrack;
-use crate::calibration::lens_check::lens_at;
-use crate::camera_model::CameraModel;
-use crate::geometry::{Pose, Twist, integrate_body_twist};
+use crate::geometry::{Pose, integrate_body_twist};
 use crate::linalg::Ldlt;
-use crate::robot::Mount;
-use nalgebra::{Point3, SMatrix, SVector, Vector2, Vector5};
+use nalgebra::{Point3, SMatrix, Vector2};
 
-/// Logarithms of focal length and of its vertical to its horizontal part; principal point over focal length, x and y; first radial coefficient; twist of the mount in
-/// C; twist of the target in O; offset of the stamps, s; logarithm of the target's size: 2 + 2 + 1 + 6 + 6 + 1 + 1, from which each place follows.
-pub(super) const UNKNOWNS: usize = 19;
-pub(super) const MOUNT: usize = 5;
-const OBJECT: usize = 11;
-pub(super) const STAMPS: usize = 17;
-pub(super) const SIZE: usize = 18;
-/// Standard deviations of the prior. Chosen by hand, what a data sheet, a ruler and a driver are wrong by: focal length 10 %, its ratio 1 %, principal point 5 % of the focal length,
-/// k1 0.1, mount 20 mm and 3 degrees, stamps 30 ms, size 5 %. Of the target's pose nothing is known: 10 m and rad.
-pub(super) const PRIOR: [f64; UNKNOWNS] = [
-    0.1, 0.01, 0.05, 0.05, 0.1, 0.02, 0.02, 0.02, 0.0524, 0.0524, 0.0524, 10.0, 10.0, 10.0, 10.0, 10.0, 10.0,
-    0.03, 0.05,
-];
 /// Steps of the differences: chosen by hand, 0.01 px to 0.1 px of usual views, far above rounding and far below what bends.
 const STEP: f64 = 1e-5;
 /// Smallest standard deviation of a point, px: a hundredth, because no finder measures real images better.
@@ -44,7 +29,6 @@ const LAST_STEP: f64 = 1e-6;
 /// so much half a metre before a usual lens, and points of a target that moved are off by hundreds.
 const MOST_RMS_PX: f64 = 5.0;
 
-type RunUnknowns = SVector<f64, UNKNOWNS>;
 type RunInformation = SMatrix<f64, UNKNOWNS, UNKNOWNS>;
 
 /// Refines what the run file tells of `cell` by what `run` has seen.
@@ -84,20 +68,6 @@ pub fn refine_from_run<const N: usize>(
     let lens = lens_of(cell.camera, &at).ok_or(RunRefinementError::NoFit)?;
     let rms = (before.map_or(f64::NAN, |r| problem.rms_px(&r)), rms_px);
     Ok(RunRefinement::new(cell, (&at, &covariance), &lens, (views.len(), run.repeated), rms))
-}
-
-/// The lens of the unknowns.
-fn lens_of(camera: &CameraModel, at: &RunUnknowns) -> Option<CameraModel> {
-    lens_at(camera, &Vector5::from(at.fixed_rows::<5>(0)))
-}
-
-/// The mount of the unknowns.
-pub(super) fn mount_of(mount: &Mount, at: &RunUnknowns) -> Mount {
-    let xi: Twist = at.fixed_rows::<6>(MOUNT).into();
-    match mount {
-        Mount::EyeInHand { X_EC } => Mount::EyeInHand { X_EC: integrate_body_twist(X_EC, &xi, 1.0) },
-        Mount::EyeToHand { X_BC } => Mount::EyeToHand { X_BC: integrate_body_twist(X_BC, &xi, 1.0) },
-    }
 }
 
 /// Spread of residuals in standard deviations, from their median: outliers do not move it. The median length of two unit normal numbers is sqrt(2 ln 2).

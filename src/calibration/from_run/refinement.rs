@@ -1,6 +1,6 @@
 //! What a run told of its cell: each number with its prior and its uncertainty.
 
-use super::problem::{MOUNT, PRIOR, SIZE, STAMPS, UNKNOWNS, mount_of};
+use super::unknowns::{MOUNT, PRIOR, SIZE, STAMPS, UNKNOWNS, mount_of};
 use super::views::RunCell;
 use crate::camera_model::{CameraModel, Intrinsics};
 use crate::geometry::Pose;

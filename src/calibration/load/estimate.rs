@@ -1,10 +1,13 @@
 //! What was found of a load, with its uncertainty, and what did not show.
 
 use super::equations::LOAD;
-use super::fit::{GYRATION_M, JOINT};
 use crate::robot::{Inertia, Robot};
 use nalgebra::{DMatrix, Matrix3, SMatrix, SVector, Vector3};
 
+/// Numbers of a joint: Coulomb friction, viscous friction, and inertia of its rotor beyond the file, from which the number follows.
+pub(super) const JOINT: usize = 3;
+/// Radius of gyration of loads, m, which gives the prior of their moments of inertia. Chosen by hand: a box with sides of 0.25 m has it.
+pub(super) const GYRATION_M: f64 = 0.1;
 /// Standard deviation of the centre of mass from which on a direction of it counts as not seen, m. Chosen by hand: half of what tools have.
 const UNSEEN_M: f64 = 0.05;
 /// Share of the prior from which on a moment of inertia counts as not seen. Chosen by hand: the motion has told less than the guess.

@@ -5,15 +5,13 @@
 //! have not said: by the sum of the residuals' correlations along time.
 
 use super::equations::{EVERY, JointEquation, LOAD, equations};
-use super::estimate::{LoadEstimate, LoadPosterior};
+use super::estimate::{GYRATION_M, JOINT, LoadEstimate, LoadPosterior};
 use super::recording::LoadRecording;
 use crate::robot::{Inertia, Robot, parallel_axis};
 use crate::time::TICK;
 use nalgebra::{DMatrix, DVector, Vector3};
 use thiserror::Error;
 
-/// Numbers of a joint: Coulomb friction, viscous friction, and inertia of its rotor beyond the file, from which the number follows.
-pub(super) const JOINT: usize = 3;
 /// Fewest equations. Chosen by hand: ten for each number of an arm of seven joints, 3 s of motion of one joint.
 const LEAST: usize = 310;
 /// Rounds in which weights and the prior of the inertia follow what was found. Chosen by hand: the fourth changes the third by less than a per cent of a
@@ -32,8 +30,6 @@ const LONGEST_S: f64 = 6.0;
 /// Standard deviations of the prior: mass, kg, and first moment, kg m. Chosen by hand: ten times what an arm of seven joints carries, so that it is told by the motion alone.
 const PRIOR_KG: f64 = 100.0;
 const PRIOR_KG_M: f64 = 3.0;
-/// Radius of gyration of loads, m, which gives the prior of their moments of inertia. Chosen by hand: a box with sides of 0.25 m has it.
-pub(super) const GYRATION_M: f64 = 0.1;
 /// Mass that the prior of the moments counts with at least, kg. Chosen by hand: that of a small camera.
 const LEAST_KG: f64 = 0.1;
 /// LoadPrior of a joint's friction, as a share of its largest effort: at any speed, and at its largest one. Chosen by hand: more would leave nothing to move with.
