@@ -123,7 +123,7 @@ pub fn lens_differences(camera: &CameraModel, views: &[LensView]) -> Vec<LensDif
 }
 
 /// The described lens, changed by the logarithms of the focal length and of its ratio, the principal point over the focal length, and the first radial coefficient.
-fn lens_at(camera: &CameraModel, change: &Vector5<f64>) -> Option<CameraModel> {
+pub(super) fn lens_at(camera: &CameraModel, change: &Vector5<f64>) -> Option<CameraModel> {
     let (i, lens) = (camera.intrinsics(), camera.lens());
     let (factor, aspect, f) = (change[0].exp(), change[1].exp(), i.fx_px);
     let intrinsics = Intrinsics {

@@ -5,7 +5,8 @@
 //! vision:                                          Measurements ──┴─► Recording ─► stamp_offset
 //! ```
 //! `vservo calibrate latency`: the offset between the camera's stamps and the encoders'. `vservo calibrate hand-eye`: where the camera
-//! sits, [`hand_eye`].
+//! sits, [`hand_eye`]. `vservo calibrate load`: what the flange carries, from torques, [`load`].
+//! `vservo calibrate from`: lens, mount, stamps and size of the target from what a run has seen, [`from_run`].
 //!
 //! And what images of a board tell about cameras, Sect. 10.5:
 //!
@@ -16,11 +17,13 @@
 
 pub mod bundle;
 pub mod camera;
+pub mod from_run;
 pub mod hand_eye;
 mod image_reach;
 mod joint_track;
 mod latency;
 mod lens_check;
+pub mod load;
 mod recording;
 mod response;
 pub mod stereo;

@@ -1,7 +1,7 @@
 //! The arguments, as clap reads them.
 #![allow(rustdoc::broken_intra_doc_links)] // the words of commands have brackets
 
-pub use super::calibrate::HandEyeArguments;
+pub use super::calibrate::{CalibrateFromArguments, HandEyeArguments, LatencyArguments, LoadArguments};
 use super::calibrate_arguments::{CalibrateCameraArguments, CalibrateStereoArguments};
 pub use super::camera_arguments::CameraArguments;
 use super::explain::{ExplainArguments, ReportArguments};
@@ -191,29 +191,16 @@ pub enum Command {
 pub enum Calibration {
     /// Move the arm gently before the target for 8 s and find the offset between the stamps of camera and encoders
     Latency(LatencyArguments),
+    /// Move the arm gently through some postures and find what its flange carries, from the torques
+    Load(LoadArguments),
+    /// Refine lens, mount, stamps and size of the target by what a run has seen: its recording, or its report
+    From(CalibrateFromArguments),
     /// The lens of a camera from images of a chessboard, how good it is, and which image is missing
     Camera(CalibrateCameraArguments),
     /// A stereo pair from images of a chessboard taken by both cameras at the same instants
     Stereo(CalibrateStereoArguments),
     /// Find where the camera sits on the arm, or beside it, from images of a board and the robot's poses
     HandEye(HandEyeArguments),
-}
-
-/// Arguments of `vservo calibrate latency`.
-#[derive(Debug, Args)]
-pub struct LatencyArguments {
-    /// What runs
-    #[command(flatten)]
-    pub cell: CellArguments,
-    /// Write the lines for the run file to this file
-    #[arg(long, value_name = "FILE.toml")]
-    pub out: Option<PathBuf>,
-    /// Print the summary of the run as JSON, with what was found in `calibration`
-    #[arg(long)]
-    pub json: bool,
-    /// Write a report of the motion into this folder: index.html with figures, and all data as CSV; made when it does not exist
-    #[arg(long, value_name = "DIR")]
-    pub report: Option<PathBuf>,
 }
 
 /// Pace of the control loop.

@@ -1,19 +1,27 @@
 //! `vservo calibrate camera`, `calibrate stereo` and `calibrate hand-eye`: images -> corners -> calibration -> files and answers;
-//! `calibrate latency`: an excitation motion of the arm -> the offset of the camera's stamps.
+//! `calibrate latency`: an excitation motion of the arm -> the offset of the camera's stamps; `calibrate load`: postures of the arm -> what it carries;
+//! `calibrate from`: what a run has seen -> lens, mount, stamps and size of the target.
 
 mod answer;
 mod boards;
 mod camera;
+mod from_run;
 mod hand_eye;
 mod latency;
 mod live;
+mod load;
 mod stage;
 mod stereo;
 
 pub(super) use camera::camera;
+pub use from_run::CalibrateFromArguments;
+pub(super) use from_run::from_run;
 pub use hand_eye::HandEyeArguments;
 pub(super) use hand_eye::hand_eye;
+pub use latency::LatencyArguments;
 pub(super) use latency::latency;
+pub use load::LoadArguments;
+pub(super) use load::load;
 pub(super) use stereo::stereo;
 
 use super::detect::refused;

@@ -45,9 +45,9 @@ mod watch;
 mod watched_run;
 
 pub use arguments::{
-    Calibration, CameraArgument, CameraArguments, CellArguments, Cli, Command, DetectArguments, DoArguments,
-    ExperimentArguments, HandEyeArguments, LatencyArguments, LogArguments, RoleArguments, RoleCli,
-    RunArguments, ServeArguments, TeachArguments, TeachViewArguments,
+    CalibrateFromArguments, Calibration, CameraArgument, CameraArguments, CellArguments, Cli, Command,
+    DetectArguments, DoArguments, ExperimentArguments, HandEyeArguments, LatencyArguments, LoadArguments,
+    LogArguments, RoleArguments, RoleCli, RunArguments, ServeArguments, TeachArguments, TeachViewArguments,
 };
 pub use benchmark::BenchmarkArguments;
 pub use calibrate_arguments::{
@@ -136,6 +136,8 @@ pub fn main() -> ExitCode {
         Some(Command::Report(arguments)) => explain::report(&arguments),
         Some(Command::Calibrate { what }) => match what {
             Calibration::Latency(arguments) => calibrate::latency(&arguments),
+            Calibration::Load(arguments) => calibrate::load(&arguments),
+            Calibration::From(arguments) => calibrate::from_run(&arguments),
             Calibration::HandEye(arguments) => calibrate::hand_eye(&arguments),
             Calibration::Camera(arguments) => calibrate::camera(&arguments),
             Calibration::Stereo(arguments) => calibrate::stereo(&arguments),

@@ -334,6 +334,9 @@ pub fn control_loop_with<const N: usize>(
             (RunTask::excitation(cell()), Behaviour::Excitation(Excitation::new(watch)))
         }
         (Task::CalibrateHandEye, _) => (RunTask::tour(cell()), Behaviour::Waypoints(Waypoints::default())),
+        (Task::CalibrateLoad, _) => {
+            (RunTask::load_tour(cell(), space.clone()), Behaviour::Waypoints(Waypoints::default()))
+        }
         (Task::Servo, true) if config.looks_and_moves() => {
             (RunTask::LookAndMove(LookAndMove::new(cell())), Behaviour::Waypoints(Waypoints::passing()))
         }
@@ -427,7 +430,7 @@ fn joint_controller<const N: usize>(
     let learns = observer.disturbance_rad_s > 0.0;
     let acceleration = joint_vector("motion.max_acceleration_rad_s2_or_m_s2", &motion.max_acceleration)?;
     Ok(if learns {
-        controller.with_payload_estimator(robot.clone(), acceleration, config.carries_tool)
+        controller.with_payload_estimator(robot.clone(), acceleration, config.tool.mass > 0.0)
     } else {
         controller
     })

@@ -25,6 +25,7 @@ mod pose_forms;
 mod problem;
 mod program;
 mod raw;
+mod refined;
 mod scene;
 mod selection;
 mod servo;
@@ -55,10 +56,10 @@ pub use v4l2::{ControlValue, PixelFormatName, Shutter, V4l2Settings};
 pub use wait_for::WaitFor;
 
 use crate::control::safety::ContactReaction;
-use crate::drive::{CommandMode, HardFriction, InnerServo, Payload, ShakingBase, Surroundings, TorqueRipple};
+use crate::drive::{CommandMode, HardFriction, InnerServo, ShakingBase, Surroundings, TorqueRipple};
 use crate::faults::InjectedFaults;
 use crate::motion::WorkspaceSettings;
-use crate::robot::RobotDescription;
+use crate::robot::{Inertia, RobotDescription};
 use crate::servo::{ServoSettings, SetPoint};
 use crate::target::Target;
 use crate::time::SpanNs;
@@ -84,8 +85,8 @@ pub struct Config {
     pub goal: GoalTolerance,
     /// The arm.
     pub robot: RobotDescription,
-    /// Whether the robot carries a tool that has a mass.
-    pub carries_tool: bool,
+    /// What the robot carries of it, in the flange's frame.
+    pub tool: Inertia,
     /// Whether the run serves requests, until one ends it.
     pub serve: bool,
     /// Where the arm starts.
@@ -221,7 +222,7 @@ pub struct SimulatedArm {
     /// Cut-off of the velocity filter, Hz.
     pub velocity_filter_hz: f64,
     /// A load that is not in the controller's model.
-    pub payload: Payload,
+    pub payload: Inertia,
     /// The drive's own servo.
     pub servo: InnerServo,
     /// What acts on it from outside.

@@ -99,6 +99,8 @@ word! {
         CalibrateLatency,
         /// Views of a board from all sides, with a rest in each, that show where the camera sits.
         CalibrateHandEye,
+        /// Postures about the start, by ways that show in the torques what the flange carries.
+        CalibrateLoad,
     }
 }
 
@@ -306,6 +308,8 @@ table! {
         payload_kg: f64 = 0.0,
         /// Its centre of mass in the flange frame, m.
         payload_com_m: [f64; 3] = [0.0, 0.0, 0.05],
+        /// Its moments of inertia about the centre of mass, along the flange's axes: xx, yy, zz, xy, xz, yz, kg m^2.
+        payload_inertia_kg_m2: [f64; 6] = [0.0; 6],
         /// Poles of the drive's own servo in the modes velocity and position, rad/s.
         servo_natural_frequency_rad_s: f64 = 60.0,
         /// `[drive.simulated.wall]`

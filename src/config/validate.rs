@@ -233,7 +233,7 @@ pub(super) fn validate(
         seed: raw.run.seed,
         goal,
         robot: robot?,
-        carries_tool: raw.tool.mass_kg > 0.0,
+        tool: start::body(raw.tool.mass_kg, raw.tool.com_m.into(), raw.tool.inertia_kg_m2),
         serve: raw.run.serve,
         start: Start {
             q: raw.robot.q_start_rad_or_m.clone(),

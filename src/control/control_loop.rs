@@ -160,6 +160,7 @@ impl<const N: usize> ControlLoop<N> {
             external_torque: output
                 .external_torque
                 .map_or([[f64::NAN; MAX_JOINTS]; 2], |(torque, sd)| [torque, sd].map(|v| padded(&v))),
+            measured_torque: self.drive.measured_torque().map(|tau| padded(&tau)),
             events: std::mem::take(&mut self.events),
             ..Trace::at(now)
         }

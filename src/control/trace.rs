@@ -64,6 +64,8 @@ pub struct Trace {
     pub held_by: Option<SpaceLimit>,
     /// The torque of each joint that comes from outside, N m or N, and its standard deviation; NaN where torques are not known.
     pub external_torque: [[f64; MAX_JOINTS]; 2],
+    /// The joint torques that the drive's state carries, N m or N; `None` where it measures none.
+    pub measured_torque: Option<[f64; MAX_JOINTS]>,
     /// The events of the tick; the mission adds its own.
     pub events: Events,
     /// The run after the tick, every 20 ms: the mission's.
@@ -99,6 +101,7 @@ impl Trace {
             limits: ActingLimits::default(),
             held_by: None,
             external_torque: [[f64::NAN; MAX_JOINTS]; 2],
+            measured_torque: None,
             events: Events::default(),
             status: None,
             finish: None,

@@ -30,6 +30,8 @@ pub struct ExternalDrive<const N: usize> {
     mode: CommandMode,
     timeout: SpanNs,
     state: DriveState<N>,
+    /// The torques that the newest state carries; `None` where all are zero, which drives send that measure none.
+    measured: Option<SVector<f64, N>>,
     /// When `state` was sampled.
     stamp: MonoNs,
     first: Option<MonoNs>,
@@ -51,6 +53,7 @@ impl<const N: usize> ExternalDrive<N> {
             mode,
             timeout,
             state: DriveState { q, qd: SVector::zeros(), truth: None },
+            measured: None,
             stamp: MonoNs(i64::MIN),
             first: None,
             now: MonoNs::ZERO,
@@ -86,6 +89,7 @@ impl<const N: usize> ExternalDrive<N> {
             qd: vector(&m.qd),
             truth: truth.then(|| (vector(&m.q_true), vector(&m.qd_true))),
         };
+        self.measured = Some(vector(&m.tau)).filter(|tau: &SVector<f64, N>| tau.amax() > 0.0);
         self.health.robot = RobotReport { state: RobotState::from_code(m.robot_state), code: m.robot_code };
         self.stamp = m.stamp;
     }
@@ -116,6 +120,10 @@ impl<const N: usize> Drive<N> for ExternalDrive<N> {
         let tick = ((self.now - self.first.unwrap_or(self.now)).0 / TICK.0).max(0).unsigned_abs();
         self.send(command, tick, if self.clears { drive_flag::CLEAR } else { 0 });
         self.last_tick = Some(tick);
+    }
+
+    fn measured_torque(&self) -> Option<SVector<f64, N>> {
+        self.measured
     }
 
     /// What the drive takes is asked when it is connected, before the first tick.

@@ -34,7 +34,7 @@ pub use hard_friction::HardFriction;
 pub use ideal::IdealDrive;
 pub use inner_servo::InnerServo;
 pub use mode::CommandMode;
-pub use simulated::{Payload, SimulatedDrive, SimulatedDriveError, SimulatedDriveSettings};
+pub use simulated::{SimulatedDrive, SimulatedDriveError, SimulatedDriveSettings};
 pub use standstill::StandstillDrive;
 pub use surroundings::{Jam, Push, Surroundings, Wall};
 
@@ -121,6 +121,11 @@ pub trait Drive<const N: usize> {
 
     /// Takes a command, which holds until the next one.
     fn write(&mut self, command: &DriveCommand<N>);
+
+    /// The joint torques or forces that the last [`read`](Self::read) state carries, N m or N; `None` where the drive measures none.
+    fn measured_torque(&self) -> Option<SVector<f64, N>> {
+        None
+    }
 
     /// The commands that it can obey.
     fn modes(&self) -> &'static [CommandMode];

@@ -19,7 +19,7 @@ use super::{
     CommandMode, Drive, DriveCommand, DriveState, EncoderModel, InnerServo, ShakingBase, TorqueRipple,
 };
 use crate::faults::JointFaults;
-use crate::robot::Robot;
+use crate::robot::{Inertia, Robot};
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::{SVector, Vector3};
 use thiserror::Error;
@@ -36,15 +36,6 @@ pub enum SimulatedDriveError {
     /// The delay does not fit the delay line.
     #[error("drive.simulated.command_delay_ticks: {0} ticks, at most {MAX_DELAY} are possible")]
     Delay(usize),
-}
-
-/// A point mass at the flange.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Payload {
-    /// kg; 0 has no effect.
-    pub mass_kg: f64,
-    /// Its place in the flange frame, m.
-    pub com_E: Vector3<f64>,
 }
 
 /// What a simulated arm is made of, beside its rigid bodies.
@@ -74,8 +65,8 @@ pub struct SimulatedDriveSettings<const N: usize> {
     pub arm: Option<Robot<N>>,
     /// True joint positions less what the encoders read, rad or m.
     pub q_offset: SVector<f64, N>,
-    /// A load that neither controller nor inner servo knows.
-    pub payload: Payload,
+    /// A load on the flange, in its frame, that neither controller nor inner servo knows.
+    pub payload: Inertia,
     /// Encoders.
     pub encoder: EncoderModel<N>,
     /// The servo for velocity and position commands.
@@ -102,7 +93,7 @@ impl<const N: usize> Default for SimulatedDriveSettings<N> {
             command_delay_ticks: 0,
             arm: None,
             q_offset: SVector::zeros(),
-            payload: Payload { mass_kg: 0.0, com_E: Vector3::zeros() },
+            payload: Inertia::ZERO,
             encoder: EncoderModel::exact(),
             servo: InnerServo { natural_frequency_rad_s: 60.0 },
             surroundings: Surroundings::default(),
@@ -157,11 +148,9 @@ impl<const N: usize> SimulatedDrive<N> {
         if settings.command_delay_ticks > MAX_DELAY {
             return Err(SimulatedDriveError::Delay(settings.command_delay_ticks));
         }
-        let payload = settings.payload;
         let arm = settings.arm.unwrap_or_else(|| robot.clone());
         let q_true = q + settings.q_offset;
-        let true_arm =
-            arm.with_payload(payload.mass_kg, &payload.com_E).with_armature(&settings.rotor_inertia);
+        let true_arm = arm.with_load(&settings.payload).with_armature(&settings.rotor_inertia);
         let friction = settings.friction && has_friction(&true_arm);
         let (elastic, true_arm, q_true) = match settings.wind_up {
             None => (None, true_arm, q_true),

@@ -12,7 +12,7 @@
 //! | term | what it is |
 //! | --- | --- |
 //! | [`Goal`] | the features to be reached, how near, and for how long |
-//! | [`RunTask`] | the task of the run: servoing, look-and-move, the excitation motion, a calibration tour |
+//! | [`RunTask`] | the task of the run: servoing, look-and-move, the excitation motion, a tour of views or of postures |
 //! | [`RunPlan`] | the conditions under which the run begins and ends |
 //! | end | decided first ([`run_end`]); then the arm is brought to rest, and the last trace contains the outcome |
 //! | residual | the remaining error of an arm that has come to rest, or oscillates, away from its goal ([`residual`]) |
@@ -186,6 +186,7 @@ impl<const N: usize> Mission<N> {
         if let RunTask::LookAndMove(task) = &mut self.task {
             task.note_arm(now, self.state, self.rest.is_at_rest());
         }
+        self.task.note_rest(&vector(&js.q), self.rest.is_at_rest());
         if let (Some(m), Some(verdict)) = (measurement, trace.measurement_record.map(|record| record.verdict))
         {
             self.learn(m, verdict);

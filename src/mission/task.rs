@@ -3,12 +3,13 @@
 use super::LookAndMove;
 use crate::calibration::hand_eye::{TourCell, TourError, TourPlanner};
 use crate::calibration::image_reach;
+use crate::calibration::load::{LoadTour, LoadTourCell};
 use crate::camera_model::CameraModel;
 use crate::control::order::ControlOrder;
 use crate::control::outcome::{Finish, Outcome};
 use crate::control::trace::Event;
 use crate::messages::Measurement;
-use crate::motion::{ExcitationMotion, MotionLimits};
+use crate::motion::{ExcitationMotion, MotionLimits, Workspace};
 use crate::robot::{Mount, Robot};
 use nalgebra::{Point3, SVector};
 
@@ -37,7 +38,14 @@ const ONE_AXIS: Finish = Finish {
 };
 const NOTHING_SEEN: &str =
     "the board was not seen where the arm starts: bring it into the picture, and check [target]";
-const TOUR_TOO_SHORT: &str = "run.duration_s is over before all views were visited";
+const LOAD_TOUR_OVER: Finish =
+    Finish { outcome: Outcome::Finished, reason: "all postures of the load calibration have been visited" };
+const NO_ROOM: Finish = Finish {
+    outcome: Outcome::NotConverged,
+    reason: "too few postures about the start are within reach: start with the joints away from the ends of their ranges, and away from the \
+             limits of [workspace]",
+};
+const TOUR_TOO_SHORT: &str = "run.duration_s is over before all postures were visited";
 
 /// The nominal cell, in which motions are planned.
 #[derive(Debug, Clone)]
@@ -80,6 +88,17 @@ pub enum RunTask<const N: usize> {
         /// The result: the number of postures, or why there are none.
         planned: Option<Result<usize, TourError>>,
     },
+    /// Postures about the start, whose torques show what the flange carries.
+    LoadTour {
+        /// The cell.
+        cell: BelievedCell<N>,
+        /// Its limits in space.
+        space: Option<Box<Workspace<N>>>,
+        /// The plan in the making.
+        planner: Option<LoadTour<N>>,
+        /// The number of postures.
+        planned: Option<usize>,
+    },
 }
 
 impl<const N: usize> RunTask<N> {
@@ -95,10 +114,27 @@ impl<const N: usize> RunTask<N> {
         Self::Tour { cell, planner: None, planned: None }
     }
 
+    /// Postures about where `cell` stands, within `space`.
+    #[must_use]
+    pub fn load_tour(cell: BelievedCell<N>, space: Option<Workspace<N>>) -> Self {
+        Self::LoadTour { cell, space: space.map(Box::new), planner: None, planned: None }
+    }
+
+    /// Takes in where the arm is, rad or m, once it is `at_rest`.
+    pub(super) fn note_rest(&mut self, q: &SVector<f64, N>, at_rest: bool) {
+        if let Self::LoadTour { cell, space, planner, planned: None } = self
+            && at_rest
+            && planner.is_none()
+        {
+            let cell = LoadTourCell { robot: &cell.robot, limits: &cell.limits, space: space.as_deref() };
+            *planner = Some(LoadTour::new(q, &cell));
+        }
+    }
+
     /// Takes in a measurement; the arm is in `q`, rad or m.
     pub(super) fn note(&mut self, m: &Measurement, q: &SVector<f64, N>) {
         match self {
-            Self::Servo | Self::LookAndMove(_) => {}
+            Self::Servo | Self::LookAndMove(_) | Self::LoadTour { .. } => {}
             Self::Excitation { cell, order, planned } => {
                 if !*planned && m.found() && m.features().len() == cell.points.len() {
                     let BelievedCell { robot, limits, mount, camera, points } = cell;
@@ -120,7 +156,7 @@ impl<const N: usize> RunTask<N> {
     pub(super) fn next_orders(&mut self) -> impl Iterator<Item = ControlOrder<N>> + use<N> {
         let (mut one, mut all) = (None, None);
         match self {
-            Self::Servo => {}
+            Self::Servo | Self::LoadTour { .. } => {}
             Self::LookAndMove(task) => one = task.next_waypoint().map(ControlOrder::Waypoint),
             Self::Excitation { order, .. } => one = order.take(),
             Self::Tour { cell, planner, planned } => {
@@ -130,6 +166,13 @@ impl<const N: usize> RunTask<N> {
                     *planned = Some(plan.as_ref().map(Vec::len).map_err(|why| *why));
                     (*planner, all) = (None, plan.ok());
                 }
+            }
+        }
+        if let Self::LoadTour { cell, space, planner, planned } = self {
+            let cell = LoadTourCell { robot: &cell.robot, limits: &cell.limits, space: space.as_deref() };
+            if let Some(postures) = planner.as_mut().and_then(|planner| planner.next_posture(&cell)) {
+                (*planner, *planned) = (None, Some(postures.len()));
+                all = Some(postures);
             }
         }
         one.into_iter().chain(all.into_iter().flatten().map(ControlOrder::Waypoint))
@@ -145,6 +188,7 @@ impl<const N: usize> RunTask<N> {
             (Self::Excitation { .. }, Event::Holding) => Some(TARGET_LOST),
             (Self::Excitation { .. }, Event::MotionOver) => Some(EXCITATION_OVER),
             (Self::Tour { .. }, Event::MotionOver) => Some(TOUR_OVER),
+            (Self::LoadTour { .. }, Event::MotionOver) => Some(LOAD_TOUR_OVER),
             _ => None,
         }
     }
@@ -155,6 +199,7 @@ impl<const N: usize> RunTask<N> {
             Self::LookAndMove(task) => task.refused(),
             Self::Tour { planned: Some(Err(TourError::TooFewViews)), .. } => Some(TOO_FEW),
             Self::Tour { planned: Some(Err(TourError::OneAxis)), .. } => Some(ONE_AXIS),
+            Self::LoadTour { planned: Some(0), .. } => Some(NO_ROOM),
             _ => None,
         }
     }
@@ -163,7 +208,8 @@ impl<const N: usize> RunTask<N> {
     pub(super) fn when_late(&self, in_view: bool) -> Option<&'static str> {
         match self {
             Self::Excitation { planned: true, .. } => Some(EXCITATION_TOO_SHORT),
-            Self::Servo | Self::Excitation { .. } => None,
+            Self::LoadTour { planned: Some(_), .. } => Some(TOUR_TOO_SHORT),
+            Self::Servo | Self::Excitation { .. } | Self::LoadTour { .. } => None,
             Self::LookAndMove(task) => task.when_late(in_view),
             Self::Tour { planned: Some(_), .. } => Some(TOUR_TOO_SHORT),
             Self::Tour { planned: None, .. } => Some(NOTHING_SEEN),

@@ -148,6 +148,15 @@ pub enum ProcessError {
         /// What it takes.
         takes: String,
     },
+    /// A load is to be found, and torques are neither commanded nor measured.
+    #[error(
+        "drive.mode: no torques are commanded in mode {mode}, and the states of this drive carry none (`tau` is zero), so that a load does not show: use mode \
+         torque, or a drive that measures torques"
+    )]
+    DriveWithoutTorques {
+        /// The mode.
+        mode: &'static str,
+    },
     /// The external drive did not come, or came and did not answer.
     #[error("the external drive did not connect within {waited_s:.1} s ({limit}): {state}")]
     DriveAbsent {
@@ -363,6 +372,7 @@ impl ProcessError {
             | Self::DriveJoints { .. }
             | Self::DriveMode { .. }
             | Self::DriveState { .. }
+            | Self::DriveWithoutTorques { .. }
             | Self::DriveAbsent { .. }
             | Self::DriveLockstep
             | Self::Emulator(_)

@@ -2,11 +2,13 @@
 
 mod contact_report;
 mod found_payload;
+mod load_calibration;
 mod stamp_calibration;
 mod times;
 
 pub use contact_report::ContactReport;
 pub use found_payload::FoundPayload;
+pub use load_calibration::{JointFriction, LoadCalibration};
 pub use stamp_calibration::StampCalibration;
 pub use times::{Latencies, RealtimeReport, TickTimes};
 
@@ -184,6 +186,9 @@ pub struct Summary {
     /// What a calibration run found; left out in other runs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub calibration: Option<StampCalibration>,
+    /// What `vservo calibrate load` found; left out in other runs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub load: Option<LoadCalibration>,
     /// How far the law is from instability with what it believes, as `vservo check` tells it; left out for other laws than scheme D, and
     /// without a scene.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -240,6 +245,7 @@ impl Summary {
             untrusted_encoders: Vec::new(),
             state_hash: None,
             calibration: None,
+            load: None,
             stability: None,
             path: None,
         }
@@ -402,6 +408,9 @@ impl Summary {
         if let Some(found) = &self.calibration {
             let _ = writeln!(t, "calibration   {}", found.describe());
         }
+        if let Some(found) = &self.load {
+            let _ = writeln!(t, "load          {}", found.describe());
+        }
         t
     }
 }
@@ -416,34 +425,4 @@ pub fn spin_text(spin_us: f64, share: f64) -> String {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::time::SpanNs;
-
-    #[test]
-    fn durations_are_told_no_finer_than_their_buckets() {
-        let told = [0.0, 0.25, 5.42, 47.9, 96.4, 260.0, 1003.2, 6965.7, 20_500.0, 21_393.9].map(counted_us);
-        assert_eq!(told, ["0", "0.250", "5.4", "48", "96", "260", "1000", "7000", "20500", "21400"]);
-    }
-
-    #[test]
-    fn text_leaves_out_what_was_never_measured() {
-        let config = crate::config::Config::load(None, &[]).unwrap();
-        let mut summary = Summary::without_control(&config, SpanNs(0));
-        let text = summary.to_text();
-        assert!(text.contains("outcome       fault") && text.contains("position unknown"), "{text}");
-        assert!(!text.contains("latency") && !text.contains("tick  ") && !text.contains("hash"), "{text}");
-        summary.latency_us.exposure_to_command.max = 20_000.0;
-        assert!(summary.to_text().contains("latency       exposure to command"));
-        let mut realtime = RealtimeReport { scheduling: "SCHED_FIFO 80".into(), ..RealtimeReport::default() };
-        summary.realtime = Some(realtime.clone());
-        assert!(summary.to_text().contains("SCHED_FIFO 80, 0 page faults"));
-        (realtime.spin_us, realtime.spin_share) = (50.0, 0.0371);
-        summary.realtime = Some(realtime);
-        let text = summary.to_text();
-        assert!(
-            text.contains("SCHED_FIFO 80, spins the last 50 us (3.7 % of a core), 0 page faults"),
-            "{text}"
-        );
-    }
-}
+mod tests;

@@ -70,11 +70,17 @@ impl Inertia {
         if small <= 0.0 {
             return Err(Defect::NotPositiveDefinite { min_kg_m2: small });
         }
-        // Published inertias are rounded to a few digits: thin bodies may miss equality by that much.
-        if large > (small + middle) * (1.0 + TRIANGLE_SLACK) {
-            return Err(Defect::Triangle { moments_kg_m2: [small, middle, large] });
-        }
-        Ok(())
+        triangle([large, middle, small])
+    }
+
+    /// Whether this can be a load: as [`Self::check_part`], and no principal moment exceeds the sum of the other two. Point masses, rods and
+    /// no load at all pass.
+    ///
+    /// # Errors
+    /// As [`Self::check`].
+    pub fn check_load(&self) -> Result<(), Defect> {
+        self.check_part()?;
+        triangle(self.principal_moments()?)
     }
 
     /// Whether this can be a part of a real body: as [`Self::check`], but point masses and frames without mass pass.
@@ -111,8 +117,17 @@ const ZERO3: Matrix3<f64> = Matrix3::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
 /// Relative excess over the triangle inequality that rounding of published data explains.
 const TRIANGLE_SLACK: f64 = 1e-3;
 
+/// The triangle inequality of principal moments in decreasing order, kg m^2. Published inertias are rounded to a few digits: thin bodies may miss
+/// equality by that much.
+fn triangle([large, middle, small]: [f64; 3]) -> Result<(), Defect> {
+    if large > (small + middle) * (1.0 + TRIANGLE_SLACK) {
+        return Err(Defect::Triangle { moments_kg_m2: [small, middle, large] });
+    }
+    Ok(())
+}
+
 /// `m (|r|^2 1 - r r^T)`.
-fn parallel_axis(mass: f64, r: &Vector3<f64>) -> Matrix3<f64> {
+pub(crate) fn parallel_axis(mass: f64, r: &Vector3<f64>) -> Matrix3<f64> {
     (Matrix3::identity() * r.norm_squared() - r * r.transpose()) * mass
 }
 
@@ -146,6 +161,20 @@ mod tests {
             let sum = a.about_origin() + b.about_origin();
             prop_assert!((a.plus(&b).about_origin() - sum).norm() < 1e-11);
         }
+    }
+
+    #[test]
+    fn loads_may_be_points_and_rods_but_not_impossible() {
+        let with = |mass, x, y, z| Inertia {
+            mass,
+            com: Vector3::zeros(),
+            about_com: Matrix3::from_diagonal(&Vector3::new(x, y, z)),
+        };
+        for good in [with(0.0, 0.0, 0.0, 0.0), with(1.0, 0.0, 0.0, 0.0), with(1.0, 0.1, 0.1, 0.0)] {
+            assert_eq!(good.check_load(), Ok(()));
+        }
+        assert!(matches!(with(1.0, 0.3, 0.1, 0.1).check_load(), Err(Defect::Triangle { .. })));
+        assert!(matches!(with(0.0, 0.1, 0.1, 0.1).check_load(), Err(Defect::Mass { .. })));
     }
 
     #[test]

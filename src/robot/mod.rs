@@ -15,6 +15,7 @@
 
 mod bounds;
 mod build;
+mod carried;
 mod description;
 mod dh;
 mod dispatch;
@@ -40,6 +41,7 @@ pub use bounds::POSITION_RAD_OR_M;
 pub use description::{JointDescription, Motor, RobotDescription};
 pub use error::{Defect, RobotError};
 pub use inertia::Inertia;
+pub(crate) use inertia::parallel_axis;
 pub use inverse::{InverseOptions, JointVelocity};
 pub use joint_history::JointHistory;
 pub use kinematics::ExpressedIn;

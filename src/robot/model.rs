@@ -156,7 +156,7 @@ impl<const N: usize> Robot<N> {
         self.carry(mass, com_E);
     }
 
-    fn carry(&mut self, mass: f64, com_E: &Vector3<f64>) {
+    pub(super) fn carry(&mut self, mass: f64, com_E: &Vector3<f64>) {
         let c = self.R_flange * com_E + self.p_flange;
         if let Some(last) = self.bodies.last_mut() {
             last.mass += mass;

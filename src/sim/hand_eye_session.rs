@@ -52,6 +52,7 @@ pub fn look_around(config: &Config) -> Result<(SystemRun, Vec<HandEyeView>), Sim
             match moment {
                 Moment::Tick(trace, _) => taker.note(&robot, &trace.joint_state),
                 Moment::Frame(_, image) => taker.look(image),
+                Moment::Seen(_) => {}
             }
             ControlFlow::Continue(())
         })

@@ -58,6 +58,8 @@ pub struct SystemRun {
 pub enum Moment<'a> {
     /// A frame was exposed: its number and its pixels.
     Frame(u64, &'a ImageView<'a>),
+    /// A measurement reaches control.
+    Seen(&'a Measurement),
     /// A tick is over: what it left, and the errors against truth.
     Tick(&'a Trace, &'a FinalErrors),
 }
@@ -246,6 +248,11 @@ impl<const N: usize> ClosedLoop for System<'_, N> {
     }
 
     fn act(&mut self, tick: u64, seen: Option<Measurement>) -> ControlFlow<Self::Outcome> {
+        if let Some(measurement) = &seen
+            && (self.watch)(&Moment::Seen(measurement)).is_break()
+        {
+            return Break(Ok(WATCHED_ENOUGH));
+        }
         let trace = self.control.act(time(tick), seen.as_ref());
         self.statistics.note(&trace);
         let watched = (self.watch)(&Moment::Tick(&trace, &self.control.final_errors()));

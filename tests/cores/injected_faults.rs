@@ -70,6 +70,7 @@ fn states(set: &[&str], ticks: u64) -> (Vec<JointState>, Vec<Vec<u8>>) {
             Moment::Frame(_, image) => {
                 images.push((0..image.height()).flat_map(|y| image.row(y)).copied().collect())
             }
+            Moment::Seen(_) => {}
             Moment::Tick(trace, _) => states.push(trace.joint_state),
         }
         if states.len() as u64 >= ticks { Break(()) } else { Continue(()) }

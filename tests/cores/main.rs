@@ -21,6 +21,7 @@ mod identity;
 mod injected_faults;
 mod lens;
 mod limit_avoidance;
+mod load_calibration;
 mod look_and_move;
 mod moments;
 mod object_at_rest;
@@ -43,6 +44,7 @@ mod robot_energy;
 mod robot_errors;
 mod robot_fixtures;
 mod robot_states;
+mod run_refinement;
 mod shapes;
 #[path = "../supersampled/mod.rs"]
 mod supersampled;

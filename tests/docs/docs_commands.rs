@@ -19,7 +19,7 @@ vservo() {
     case "${1:-}" in
         run) has_clock "$@" || set -- "$@" --clock lockstep; command vservo "$@" --instance "$VSERVO_TEST_INSTANCE" ;;
         calibrate)
-            if [ "${2:-}" = latency ]; then set -- "$@" --clock lockstep --instance "$VSERVO_TEST_INSTANCE"; fi
+            if [ "${2:-}" = latency ] || [ "${2:-}" = load ]; then set -- "$@" --clock lockstep --instance "$VSERVO_TEST_INSTANCE"; fi
             command vservo "$@" ;;
         *) command vservo "$@" ;;
     esac

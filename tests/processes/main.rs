@@ -5,8 +5,10 @@ mod bad_input;
 mod benchmark;
 mod broken_output;
 mod calibrate_camera;
+mod calibrate_from;
 mod calibrate_hand_eye;
 mod calibrate_latency;
+mod calibrate_load;
 mod cameras;
 mod clients;
 #[path = "../common/mod.rs"]

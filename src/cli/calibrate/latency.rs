@@ -1,12 +1,29 @@
 //! `vservo calibrate latency`.
 
-use super::super::{
-    LatencyArguments, check_writable, json, prepare, repeat, shown, write_report, write_result,
-};
+use super::super::{CellArguments, check_writable, json, prepare, repeat, shown, write_report, write_result};
 use crate::control::outcome::Outcome;
 use crate::process::supervisor::{self, FinishedRun, RunOutputs};
 use crate::process::{NewReport, ProcessError, StopFlag};
 use crate::rt::tell;
+use clap::Args;
+use std::path::PathBuf;
+
+/// Arguments of `vservo calibrate latency`.
+#[derive(Debug, Args)]
+pub struct LatencyArguments {
+    /// What runs
+    #[command(flatten)]
+    pub cell: CellArguments,
+    /// Write the lines for the run file to this file
+    #[arg(long, value_name = "FILE.toml")]
+    pub out: Option<PathBuf>,
+    /// Print the summary of the run as JSON, with what was found in `calibration`
+    #[arg(long)]
+    pub json: bool,
+    /// Write a report of the motion into this folder: index.html with figures, and all data as CSV; made when it does not exist
+    #[arg(long, value_name = "DIR")]
+    pub report: Option<PathBuf>,
+}
 
 /// Moves the arm, finds the offset, and tells it; the exit code.
 ///

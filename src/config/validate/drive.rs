@@ -1,13 +1,14 @@
 //! The tables of the drive.
 
+use super::start::load;
 use crate::config::check::Validation;
 use crate::config::raw::{DriveKind, RawConfig, RawSimulated, SchemeKind, Task};
 use crate::config::{DriveProgram, DriveSettings, SimulatedArm};
 use crate::drive::{
-    CommandMode, HardFriction, InnerServo, Jam, MAX_DELAY, Payload, Push, ShakingBase, Surroundings,
-    TorqueRipple, Wall,
+    CommandMode, HardFriction, InnerServo, Jam, MAX_DELAY, Push, ShakingBase, Surroundings, TorqueRipple,
+    Wall,
 };
-use crate::robot::RobotDescription;
+use crate::robot::{Inertia, RobotDescription};
 use crate::time::SpanNs;
 use nalgebra::{Unit, Vector3};
 
@@ -60,13 +61,7 @@ pub(super) fn drive(
             s.velocity_filter_hz,
             1.0..=10_000.0,
         ),
-        payload: Payload {
-            mass_kg: check.range("drive.simulated.payload_kg", s.payload_kg, 0.0..=1000.0),
-            com_E: Vector3::from_fn(|i, _| {
-                let key = format!("drive.simulated.payload_com_m[{i}]");
-                s.payload_com_m.get(i).map_or(0.0, |v| check.range(&key, *v, -10.0..=10.0))
-            }),
-        },
+        payload: payload(s, check),
         servo: InnerServo {
             natural_frequency_rad_s: check.range(
                 "drive.simulated.servo_natural_frequency_rad_s",
@@ -94,6 +89,16 @@ pub(super) fn drive(
         connect_timeout: SpanNs::from_s(connect_timeout_s),
     };
     DriveSettings { kind: d.kind, mode: mode(raw, check), simulated, external }
+}
+
+/// The load of the simulated arm.
+fn payload(s: &RawSimulated, check: &mut Validation<'_>) -> Inertia {
+    let mass = check.range("drive.simulated.payload_kg", s.payload_kg, 0.0..=1000.0);
+    let com = Vector3::from_fn(|i, _| {
+        let key = format!("drive.simulated.payload_com_m[{i}]");
+        s.payload_com_m.get(i).map_or(0.0, |v| check.range(&key, *v, -10.0..=10.0))
+    });
+    load(mass, com, ("drive.simulated.payload_inertia_kg_m2", &s.payload_inertia_kg_m2), check)
 }
 
 /// Torque ripple, where it is requested.
@@ -199,6 +204,15 @@ fn mode(raw: &RawConfig, check: &mut Validation<'_>) -> CommandMode {
             "drive.mode",
             "an ideal drive has no dynamics and takes no torque: use position or velocity, or drive.kind = \"simulated\"",
         );
+    }
+    let measures = raw.drive.kind == DriveKind::External;
+    if raw.run.task == Task::CalibrateLoad && mode != CommandMode::Torque && !measures {
+        let message = format!(
+            "is `{}`: no torques are commanded, and this drive measures none, so that the load does not show; use torque, or an external drive \
+             whose states carry torques",
+            mode.as_str()
+        );
+        check.wrong("drive.mode", message);
     }
     mode
 }

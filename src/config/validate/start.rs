@@ -10,11 +10,13 @@ use crate::robot::{self, Inertia, POSITION_RAD_OR_M, RobotDescription, RobotErro
 use crate::scene::{PointVisibility, Visibility};
 use crate::servo::GoalPath;
 use crate::target::Target;
-use nalgebra::{Matrix3, SVector};
+use nalgebra::{Matrix3, SVector, Vector3};
 
 /// Heaviest tool, kg, and its farthest centre of mass from the flange, m. Chosen by hand, beyond what any arm of two to seven joints is rated for.
 const MOST_KG: f64 = 1e3;
 const FARTHEST_M: f64 = 2.0;
+/// Largest moment of inertia of a load, kg m^2. Derived: the heaviest tool with half of its mass at the farthest place on each side.
+const MOST_KG_M2: f64 = MOST_KG * FARTHEST_M * FARTHEST_M;
 /// Most hidden points that are listed. Chosen by hand, for a readable line.
 const TOLD: usize = 8;
 
@@ -49,19 +51,39 @@ pub(super) fn arm(raw: &RawConfig, check: &mut Validation<'_>) -> Option<RobotDe
 
 /// The tool on the flange.
 pub(super) fn tool(raw: &RawConfig, check: &mut Validation<'_>) -> Inertia {
-    let RawTool { mass_kg, com_m, inertia_kg_m2: [xx, yy, zz, xy, xz, yz] } = raw.tool;
+    let RawTool { mass_kg, com_m, inertia_kg_m2 } = raw.tool;
     let before = check.count_problems();
     let mass = check.range("tool.mass_kg", mass_kg, 0.0..=MOST_KG);
     let com = com_m.map(|x| check.range("tool.com_m", x, -FARTHEST_M..=FARTHEST_M));
     if check.count_problems() > before {
         return Inertia::ZERO;
     }
-    let tool = Inertia { mass, com: com.into(), about_com: Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz) };
-    if let Err(problem) = tool.check_part() {
-        check.wrong("tool.inertia_kg_m2", problem.to_string());
+    load(mass, com.into(), ("tool.inertia_kg_m2", &inertia_kg_m2), check)
+}
+
+/// A body of `mass` kg with its centre of mass at `com`, m, and the moments xx, yy, zz, xy, xz, yz about it, kg m^2.
+pub(super) fn body(mass: f64, com: Vector3<f64>, [xx, yy, zz, xy, xz, yz]: [f64; 6]) -> Inertia {
+    Inertia { mass, com, about_com: Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz) }
+}
+
+/// A load of `mass` kg at `com`, m, with the moments xx, yy, zz, xy, xz, yz about it, kg m^2, which stand under their key; none where no body can have them.
+pub(super) fn load(
+    mass: f64,
+    com: Vector3<f64>,
+    (key, moments): (&str, &[f64; 6]),
+    check: &mut Validation<'_>,
+) -> Inertia {
+    let before = check.count_problems();
+    let moments = moments.map(|x| check.range(key, x, -MOST_KG_M2..=MOST_KG_M2));
+    if check.count_problems() > before {
         return Inertia::ZERO;
     }
-    tool
+    let load = body(mass, com, moments);
+    if let Err(problem) = load.check_load() {
+        check.wrong(key, problem.to_string());
+        return Inertia::ZERO;
+    }
+    load
 }
 
 /// A point that the camera does not see.

@@ -1,7 +1,7 @@
 use super::*;
 use crate::drive::{Jam, Push, Wall};
 use crate::drive::{ShakingBase, TorqueRipple};
-use crate::robot::{Friction, load};
+use crate::robot::{Friction, Inertia, load};
 use nalgebra::Vector4;
 
 type Settings<const N: usize> = SimulatedDriveSettings<N>;
@@ -31,7 +31,7 @@ fn free<const N: usize>() -> DriveCommand<N> {
 }
 
 fn energy_is_conserved<const N: usize>(name: &str) {
-    let payload = Payload { mass_kg: 1.0, com_E: Vector3::new(0.02, 0.0, 0.05) };
+    let payload = Inertia::point(1.0, Vector3::new(0.02, 0.0, 0.05));
     let settings = Settings { friction: false, substeps: 4, payload, ..Settings::default() };
     let qd = SVector::from_fn(|i, _| 0.3 - 0.1 * i as f64);
     let mut drive = SimulatedDrive::new(arm::<N>(name), posture(), settings).unwrap().with_velocity(qd);
@@ -192,7 +192,7 @@ fn torques_are_cut_at_the_effort_limits() {
 
 /// Follows a ramp for 2 s and rests: the distance from the reference while moving and at rest.
 fn follow(mode: CommandMode, payload_kg: f64) -> (f64, f64) {
-    let payload = Payload { mass_kg: payload_kg, com_E: Vector3::new(0.0, 0.0, 0.05) };
+    let payload = Inertia::point(payload_kg, Vector3::new(0.0, 0.0, 0.05));
     let settings = Settings { mode, payload, ..Settings::default() };
     let q = SVector::<f64, 6>::from_column_slice(&[0.0, -1.2, 1.4, -0.3, 0.5, 0.2]);
     let mut drive = SimulatedDrive::new(arm("ur5"), q, settings).unwrap();

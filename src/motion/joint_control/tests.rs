@@ -1,7 +1,7 @@
 use super::*;
-use crate::drive::{Drive, DriveCommand, EncoderModel, Payload, SimulatedDrive, SimulatedDriveSettings};
+use crate::drive::{Drive, DriveCommand, EncoderModel, SimulatedDrive, SimulatedDriveSettings};
 use crate::motion::{ActingLimits, MotionLimits, Reference};
-use crate::robot::Friction;
+use crate::robot::{Friction, Inertia};
 use crate::time::MonoNs;
 use nalgebra::{Vector3, Vector6};
 use proptest::prelude::*;
@@ -188,7 +188,7 @@ fn an_exact_model_leaves_nothing_to_learn() {
 #[test]
 fn what_the_model_does_not_know_is_learnt() {
     let robot = robot::<7>("xarm7");
-    let payload = Payload { mass_kg: 3.0, com_E: Vector3::new(0.02, -0.02, 0.05) };
+    let payload = Inertia::point(3.0, Vector3::new(0.02, -0.02, 0.05));
     for law in [inverse_dynamics(), pd(&robot, &posture())] {
         for scale in [0.7, 1.0, 1.3] {
             let arm = || ArmSettings { arm: Some(rubbing(&robot, scale)), payload, ..ArmSettings::default() };

@@ -12,7 +12,7 @@ use super::commands::Commands;
 use super::drive_rings::{Lost, Rings};
 use super::stops::Stops;
 use crate::config::Config;
-use crate::config::{Clock, DriveKind};
+use crate::config::{Clock, DriveKind, Task};
 use crate::drive::{CommandMode, DriveFault, ExternalDrive};
 use crate::ipc::{DrivePresence, Receiver, Sender, Spin, WakeListener};
 use crate::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, drive_flag};
@@ -158,6 +158,9 @@ impl DrivePorts<'_> {
             while let Some(mut state) = self.state.receive()? {
                 if state.flags & drive_flag::INITIAL != 0 {
                     check(&state, &start, config.drive.mode)?;
+                    if lacks_torques(config, &state) {
+                        return Err(ProcessError::DriveWithoutTorques { mode: config.drive.mode.as_str() });
+                    }
                     if config.clock == Clock::Realtime {
                         state.stamp = state.stamp.min(now());
                     }
@@ -242,6 +245,12 @@ impl DrivePorts<'_> {
         }
         Ok(())
     }
+}
+
+/// Whether the torques of a load calibration are neither commanded nor measured.
+fn lacks_torques(config: &Config, state: &DriveStateMsg) -> bool {
+    let measures = state.tau.iter().any(|tau| *tau != 0.0);
+    config.task == Task::CalibrateLoad && config.drive.mode != CommandMode::Torque && !measures
 }
 
 /// The wait for a drive: reported from time to time, and bounded.

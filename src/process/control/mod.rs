@@ -9,6 +9,7 @@ mod deadlines;
 mod drive_rings;
 mod event_log;
 mod external_drive;
+mod load;
 mod lockstep;
 mod realtime;
 mod realtime_thread;
@@ -22,6 +23,7 @@ mod stops;
 pub use recorded::{RecordedResults, recorded_results};
 
 use super::{Membership, ProcessError, ReportFolder, StopFlag};
+use crate::calibration::load::LoadRecording;
 use crate::calibration::{KnownCell, Recording, stamp_offset};
 use crate::config::Config;
 use crate::config::{Clock, Task};
@@ -70,6 +72,8 @@ pub fn run(
 struct Listeners<const N: usize> {
     /// What a calibration is to remember.
     calibration: Option<Recording<N>>,
+    /// What a calibration of the load is to remember.
+    load: Option<LoadRecording<N>>,
     /// What a report is made of.
     history: Option<RunHistory>,
 }
@@ -87,6 +91,9 @@ impl<const N: usize> Listeners<N> {
     fn note(&mut self, trace: &Trace) {
         if let Some(recording) = &mut self.calibration {
             recording.note_state(&trace.joint_state);
+        }
+        if let Some(recording) = &mut self.load {
+            recording.note(&trace.joint_state, trace.measured_torque.as_ref());
         }
         if let Some(history) = &mut self.history {
             history.note(trace);
@@ -185,6 +192,7 @@ fn run_robot<const N: usize>(
     let start = now();
     let mut listeners = Listeners {
         calibration: (config.task == Task::CalibrateLatency).then(Recording::default),
+        load: (config.task == Task::CalibrateLoad).then(LoadRecording::default),
         history: report.map(|_| run_files::history(config, &control.mission)),
     };
     let (control, statistics, pace) = match config.clock {
@@ -200,6 +208,9 @@ fn run_robot<const N: usize>(
     summary.stability = stability;
     if let Some(recording) = listeners.calibration.filter(|_| summary.outcome == Outcome::Finished) {
         calibrate(config, &control, &recording, &mut summary);
+    }
+    if let Some(recording) = listeners.load.filter(|_| summary.outcome == Outcome::Finished) {
+        load::find(config, &control, &recording, &mut summary);
     }
     if let (Some(folder), Some(history)) = (report, &listeners.history) {
         run_files::write(folder, config, &control, history, &membership);
@@ -292,6 +303,7 @@ fn summary<const N: usize>(
         untrusted_encoders: control.controller().untrusted_encoders().collect(),
         state_hash: lockstep.then(|| statistics.state_hash()),
         calibration: None,
+        load: None,
         stability: None,
         path: mission.path_tracking(),
     }

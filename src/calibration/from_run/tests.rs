@@ -1,0 +1,157 @@
+//! Runs of a UR5 before four points, whose truth is drawn from the prior.
+
+use super::unknowns::{PRIOR, mount_of};
+use super::*;
+use crate::calibration::lens_check::lens_at;
+use crate::camera_model::{CameraModel, Distortion, Intrinsics};
+use crate::geometry::{Pose, integrate_body_twist};
+use crate::linalg::Random;
+use crate::robot::{Mount, Robot};
+use crate::time::MonoNs;
+use nalgebra::{Point3, SVector, Vector2, Vector3, Vector5};
+
+const NOISE_PX: f64 = 0.05;
+
+fn camera() -> CameraModel {
+    let i =
+        Intrinsics { fx_px: 800.0, fy_px: 800.0, cx_px: 319.5, cy_px: 239.5, width_px: 640, height_px: 480 };
+    CameraModel::new(i, Distortion { k1: -0.15, ..Distortion::default() }).unwrap()
+}
+
+fn arm() -> (Robot<6>, SVector<f64, 6>) {
+    let robot = crate::robot::load("ur5").unwrap().build::<6>().unwrap();
+    (robot, SVector::from([0.4617, -1.7204, 1.4481, -1.2809, -1.8176, 0.9664]))
+}
+
+/// What is true of a cell.
+struct TrueCell {
+    camera: CameraModel,
+    mount: Mount,
+    stamps_s: f64,
+    size: f64,
+}
+
+/// The run of an arm that moves each joint by `amplitude` rad about where the target is half a metre before its camera.
+fn run(truth: &TrueCell, told: &Mount, amplitude: f64, random: &mut Random) -> RunViews<6> {
+    let (robot, q) = arm();
+    let joints = |s: f64| {
+        let at = |i: usize| amplitude * ((0.7 + 0.31 * i as f64) * s + i as f64).sin();
+        let rate = |i: usize| {
+            let w = 0.7 + 0.31 * i as f64;
+            amplitude * w * (w * s + i as f64).cos()
+        };
+        let share = |i: usize| if i < 3 { 0.25 } else { 1.0 };
+        (q + SVector::from_fn(|i, _| share(i) * at(i)), SVector::from_fn(|i, _| share(i) * rate(i)))
+    };
+    let corners = [(-0.06, -0.05), (0.05, -0.05), (0.05, 0.05), (-0.05, 0.05)];
+    let points = corners.map(|(x, y)| Point3::new(x, y, 0.0));
+    let X_WO =
+        told.X_WC(&robot.forward(&q)) * Pose::new(Vector3::new(0.0, 0.0, 0.5), Vector3::new(0.4, 0.2, 0.1));
+    let mut run = RunViews::default();
+    for ms in 0..6000 {
+        let (q, qd) = joints(f64::from(ms) * 1e-3);
+        run.track.push(MonoNs(i64::from(ms) * 1_000_000), q, qd);
+    }
+    for frame in 5..145 {
+        let s = f64::from(frame) * 0.04;
+        let X_CO = truth.mount.X_WC(&robot.forward(&joints(s).0)).inv_mul(&X_WO);
+        let seen = points.iter().filter_map(|p| {
+            let px = truth.camera.project(&(X_CO * Point3::from(p.coords * truth.size)))?;
+            let noise = Vector2::new(random.gaussian(), random.gaussian()) * NOISE_PX;
+            truth.camera.contains(&px, 0.0).then_some(SeenPoint { p_O: *p, px: px + noise, sd_px: NOISE_PX })
+        });
+        let points: Vec<_> = seen.collect();
+        if points.len() == 4 {
+            // Stamps that are late by tau need -tau.
+            let stamp = MonoNs(((s - truth.stamps_s) * 1e9) as i64);
+            run.note_view(SeenView { stamp, points, X_CO });
+        }
+    }
+    run
+}
+
+fn drawn(told: &Mount, random: &mut Random) -> TrueCell {
+    let mut at = SVector::<f64, 19>::from_fn(|k, _| PRIOR[k] * random.gaussian());
+    at.fixed_rows_mut::<6>(11).fill(0.0);
+    // Half of the draws that are farther off would turn the target out of view.
+    let camera = lens_at(&camera(), &Vector5::from(at.fixed_rows::<5>(0))).unwrap();
+    TrueCell { camera, mount: mount_of(told, &at), stamps_s: at[17], size: at[18].exp() }
+}
+
+fn mount() -> Mount {
+    Mount::EyeInHand { X_EC: Pose::new(Vector3::new(0.02, -0.03, 0.05), Vector3::new(0.1, -0.05, 0.3)) }
+}
+
+#[test]
+fn what_is_refined_is_within_its_covariance() {
+    let mut random = Random::new(11);
+    let (robot, _) = arm();
+    let (told, lens) = (mount(), camera());
+    let (mut sum, mut draws) = (0.0, 0.0);
+    for _ in 0..24 {
+        let truth = drawn(&told, &mut random);
+        let run = run(&truth, &told, 0.3, &mut random);
+        let cell = RunCell { robot: &robot, mount: &told, camera: &lens };
+        let found = refine_from_run(&cell, &run).unwrap();
+        let chi = found
+            .chi_square((&lens, &told), (&truth.camera, &truth.mount), truth.stamps_s, truth.size)
+            .unwrap();
+        // A chi-square with 13 degrees of freedom exceeds 42 in one of 15 000 cases.
+        assert!(chi < 42.0, "{chi}: {}", found.to_text());
+        assert!(found.rms_after_px < 0.12, "{}", found.to_text());
+        assert!(found.numbers.iter().any(|n| n.is_seen));
+        (sum, draws) = (sum + chi, draws + 1.0);
+    }
+    // The mean of 24 such numbers is 13 +- 1.
+    assert!((9.0..17.0).contains(&(sum / draws)), "{}", sum / draws);
+}
+
+#[test]
+fn a_wide_motion_shows_all_and_a_small_coarse_one_does_not() {
+    let mut random = Random::new(5);
+    let (robot, _) = arm();
+    let (told, lens) = (mount(), camera());
+    let truth = TrueCell { camera: lens, mount: told, stamps_s: 0.0, size: 1.0 };
+    let cell = RunCell { robot: &robot, mount: &told, camera: &lens };
+    let mut seen = |amplitude: f64, sd_px: f64| {
+        let mut run = run(&truth, &told, amplitude, &mut random);
+        run.views.iter_mut().flat_map(|view| &mut view.points).for_each(|point| point.sd_px = sd_px);
+        let found = refine_from_run(&cell, &run).unwrap();
+        (found.numbers.iter().filter(|n| n.is_seen).count(), found.to_text())
+    };
+    let (wide, text) = seen(0.3, NOISE_PX);
+    assert!(wide >= 11, "{text}");
+    // Forty times the noise is stated: every standard deviation grows until the prior stops it.
+    let (small, text) = seen(0.02, 2.0);
+    assert!(small < wide && text.contains("not seen by this run: "), "{text}");
+}
+
+#[test]
+fn a_run_at_rest_and_another_arm_are_refused() {
+    let mut random = Random::new(3);
+    let (robot, _) = arm();
+    let (told, lens) = (mount(), camera());
+    let truth = TrueCell { camera: lens, mount: told, stamps_s: 0.0, size: 1.0 };
+    let cell = RunCell { robot: &robot, mount: &told, camera: &lens };
+    let rests = refine_from_run(&cell, &run(&truth, &told, 0.0, &mut random));
+    assert!(matches!(rests, Err(RunRefinementError::TooFewViews { .. })), "{rests:?}");
+    let mut moved = run(&truth, &told, 0.3, &mut random);
+    let count = moved.views.len();
+    for (i, view) in moved.views.iter_mut().enumerate() {
+        view.points.iter_mut().for_each(|p| p.px.x += 200.0 * (i as f64 / count as f64 * 9.0).sin());
+    }
+    let moved = refine_from_run(&cell, &moved);
+    assert!(matches!(moved, Err(RunRefinementError::Unexplained { .. })), "{moved:?}");
+}
+
+#[test]
+fn twists_are_found_again() {
+    let mut random = Random::new(2);
+    for angle in [0.0, 1e-8, 0.3, 2.0] {
+        let w = Vector3::new(random.gaussian(), random.gaussian(), random.gaussian()).normalize() * angle;
+        let xi = crate::geometry::Twist::new(0.1, -0.2, 0.3, w.x, w.y, w.z);
+        let X = integrate_body_twist(&Pose::identity(), &xi, 1.0);
+        let found = SVector::<f64, 6>::from(refinement::log_of(&X));
+        assert!((found - xi).amax() < 1e-9, "{found} {xi}");
+    }
+}
