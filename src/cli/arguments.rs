@@ -1,8 +1,7 @@
 //! The arguments, as clap reads them.
 #![allow(rustdoc::broken_intra_doc_links)] // the words of commands have brackets
 
-pub use super::calibrate::{CalibrateFromArguments, HandEyeArguments, LatencyArguments, LoadArguments};
-use super::calibrate_arguments::{CalibrateCameraArguments, CalibrateStereoArguments};
+use super::calibrate::Calibration;
 pub use super::camera_arguments::CameraArguments;
 use super::explain::{ExplainArguments, ReportArguments};
 use super::place_arguments::{PlaceArguments, ViewArguments};
@@ -184,23 +183,6 @@ pub enum Command {
     Completions(completion::CompletionArguments),
     /// Write manual pages of all commands
     Man(ManArguments),
-}
-
-/// What can be calibrated.
-#[derive(Debug, Subcommand)]
-pub enum Calibration {
-    /// Move the arm gently before the target for 8 s and find the offset between the stamps of camera and encoders
-    Latency(LatencyArguments),
-    /// Move the arm gently through some postures and find what its flange carries, from the torques
-    Load(LoadArguments),
-    /// Refine lens, mount, stamps and size of the target by what a run has seen: its recording, or its report
-    From(CalibrateFromArguments),
-    /// The lens of a camera from images of a chessboard, how good it is, and which image is missing
-    Camera(CalibrateCameraArguments),
-    /// A stereo pair from images of a chessboard taken by both cameras at the same instants
-    Stereo(CalibrateStereoArguments),
-    /// Find where the camera sits on the arm, or beside it, from images of a board and the robot's poses
-    HandEye(HandEyeArguments),
 }
 
 /// Pace of the control loop.

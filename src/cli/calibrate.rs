@@ -13,19 +13,51 @@ mod load;
 mod stage;
 mod stereo;
 
-pub(super) use camera::camera;
+use camera::camera;
 pub use from_run::CalibrateFromArguments;
-pub(super) use from_run::from_run;
+use from_run::from_run;
 pub use hand_eye::HandEyeArguments;
-pub(super) use hand_eye::hand_eye;
+use hand_eye::hand_eye;
 pub use latency::LatencyArguments;
-pub(super) use latency::latency;
+use latency::latency;
 pub use load::LoadArguments;
-pub(super) use load::load;
-pub(super) use stereo::stereo;
+use load::load;
+use stereo::stereo;
 
+use super::calibrate_arguments::{CalibrateCameraArguments, CalibrateStereoArguments};
 use super::detect::refused;
 use crate::calibration::camera::CameraCalibrationError;
+use crate::process::ProcessError;
+use clap::Subcommand;
+
+/// What can be calibrated.
+#[derive(Debug, Subcommand)]
+pub enum Calibration {
+    /// Move the arm gently before the target for 8 s and find the offset between the stamps of camera and encoders
+    Latency(LatencyArguments),
+    /// Move the arm gently through some postures and find what its flange carries, from the torques
+    Load(LoadArguments),
+    /// Refine lens, mount, stamps and size of the target by what a run has seen: its recording, or its report
+    From(CalibrateFromArguments),
+    /// The lens of a camera from images of a chessboard, how good it is, and which image is missing
+    Camera(CalibrateCameraArguments),
+    /// A stereo pair from images of a chessboard taken by both cameras at the same instants
+    Stereo(CalibrateStereoArguments),
+    /// Find where the camera sits on the arm, or beside it, from images of a board and the robot's poses
+    HandEye(HandEyeArguments),
+}
+
+/// Calibrates; the exit code.
+pub(super) fn calibrate(what: &Calibration) -> Result<u8, ProcessError> {
+    match what {
+        Calibration::Latency(arguments) => latency(arguments),
+        Calibration::Load(arguments) => load(arguments),
+        Calibration::From(arguments) => from_run(arguments),
+        Calibration::HandEye(arguments) => hand_eye(arguments),
+        Calibration::Camera(arguments) => camera(arguments),
+        Calibration::Stereo(arguments) => stereo(arguments),
+    }
+}
 
 /// Why a command ends before it has a result, with its exit code.
 struct CalibrateError {

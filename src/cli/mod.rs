@@ -45,11 +45,12 @@ mod watch;
 mod watched_run;
 
 pub use arguments::{
-    CalibrateFromArguments, Calibration, CameraArgument, CameraArguments, CellArguments, Cli, Command,
-    DetectArguments, DoArguments, ExperimentArguments, HandEyeArguments, LatencyArguments, LoadArguments,
-    LogArguments, RoleArguments, RoleCli, RunArguments, ServeArguments, TeachArguments, TeachViewArguments,
+    CameraArgument, CameraArguments, CellArguments, Cli, Command, DetectArguments, DoArguments,
+    ExperimentArguments, LogArguments, RoleArguments, RoleCli, RunArguments, ServeArguments, TeachArguments,
+    TeachViewArguments,
 };
 pub use benchmark::BenchmarkArguments;
+pub use calibrate::{CalibrateFromArguments, Calibration, HandEyeArguments, LatencyArguments, LoadArguments};
 pub use calibrate_arguments::{
     BoardArguments, CalibrateCameraArguments, CalibrateStereoArguments, LensModelArgument, OddCoefficients,
 };
@@ -134,14 +135,7 @@ pub fn main() -> ExitCode {
         Some(Command::Explain(arguments)) => explain::explain(&arguments),
         Some(Command::Export(arguments)) => export::export(&arguments),
         Some(Command::Report(arguments)) => explain::report(&arguments),
-        Some(Command::Calibrate { what }) => match what {
-            Calibration::Latency(arguments) => calibrate::latency(&arguments),
-            Calibration::Load(arguments) => calibrate::load(&arguments),
-            Calibration::From(arguments) => calibrate::from_run(&arguments),
-            Calibration::HandEye(arguments) => calibrate::hand_eye(&arguments),
-            Calibration::Camera(arguments) => calibrate::camera(&arguments),
-            Calibration::Stereo(arguments) => calibrate::stereo(&arguments),
-        },
+        Some(Command::Calibrate { what }) => calibrate::calibrate(&what),
         Some(Command::Experiment(arguments)) => run_experiment(&arguments),
         Some(Command::Detect(arguments)) => detect::detect(&arguments),
         Some(Command::Process(arguments)) => process_image::process_image(&arguments),
