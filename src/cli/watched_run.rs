@@ -46,10 +46,10 @@ impl WatchedRun {
         &mut self,
         view: &mut RunView,
         time: MonoNs,
-        also: &mut dyn FnMut(&RunRecord),
+        also: &mut dyn FnMut(&RunRecord<'_>),
     ) -> Result<bool, ProcessError> {
         let mut has_new_goal = false;
-        let mut take = |record: &RunRecord| {
+        let mut take = |record: &RunRecord<'_>| {
             has_new_goal |= view.take(record, time);
             also(record);
         };

@@ -69,19 +69,19 @@ impl RunWatch {
     ///
     /// # Errors
     /// When shared memory fails.
-    pub fn take_all(&self, take: &mut dyn FnMut(&RunRecord)) -> Result<(), ProcessError> {
+    pub fn take_all(&self, take: &mut dyn FnMut(&RunRecord<'_>)) -> Result<(), ProcessError> {
         if let Some(status) = self.status.receive_newest()? {
-            take(&RunRecord::Status(status));
+            take(&RunRecord::Status(&status));
         }
         while let Some(tick) = self.traces.receive()? {
-            take(&RunRecord::Tick(tick));
+            take(&RunRecord::Tick(&tick));
         }
         while let Some(measurement) = self.measurements.receive()? {
-            take(&RunRecord::Measurement(measurement));
+            take(&RunRecord::Measurement(&measurement));
         }
         for (camera, port) in &self.health {
             if let Some(health) = port.receive_newest()? {
-                take(&RunRecord::Health(*camera, health));
+                take(&RunRecord::Health(*camera, &health));
             }
         }
         Ok(())

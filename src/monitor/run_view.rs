@@ -47,15 +47,15 @@ pub struct CellFacts {
 
 /// What a run's services send to who watches it.
 #[derive(Debug, Clone, Copy)]
-pub enum RunRecord {
+pub enum RunRecord<'a> {
     /// A state of the run.
-    Status(Status),
+    Status(&'a Status),
     /// A tick of control.
-    Tick(TraceMsg),
+    Tick(&'a TraceMsg),
     /// A measurement of the first camera.
-    Measurement(Measurement),
+    Measurement(&'a Measurement),
     /// How a real camera stands.
-    Health(CameraId, CameraHealth),
+    Health(CameraId, &'a CameraHealth),
 }
 
 /// A record, and when it came by the watcher's own clock.
@@ -108,7 +108,7 @@ impl RunView {
     }
 
     /// Takes in what came at `now` of the watcher's clock. Whether the goal may be another one than the known one.
-    pub fn take(&mut self, record: &RunRecord, now: MonoNs) -> bool {
+    pub fn take(&mut self, record: &RunRecord<'_>, now: MonoNs) -> bool {
         match record {
             RunRecord::Status(status) => return self.status(status, now),
             RunRecord::Tick(tick) => self.tick(tick),

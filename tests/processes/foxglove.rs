@@ -1,6 +1,6 @@
 //! The live channels of `vservo watch`, as a program that speaks Foxglove's protocol sees them.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // helpers of tests are tests
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stdout)] // helpers of tests are tests, and a skip is told
 
 use crate::common::wait_until;
 use crate::record::python;

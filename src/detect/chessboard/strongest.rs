@@ -14,7 +14,7 @@ pub(super) const BENT: f64 = 0.05;
 /// Greatest radius of a window, px. Chosen by hand: a bound on time, since a window costs its square; predictions are better than that.
 const MAX_PX: f64 = 64.0;
 
-/// Pixels of a row of which the response is computed at once: those of a register of 128 bits, which every x86-64 and aarch64 has.
+/// Pixels of a row of which the response is computed at once: so many, because a register of 128 bits, which every x86-64 and aarch64 has, holds their sums.
 const LANES: usize = 8;
 
 /// The strongest ring response above `least` within `radius` px of a point.

@@ -5,7 +5,7 @@ use crate::imaging::ImageView;
 /// Pixels that are summed beforehand, from the middle on either side. Derived: windows reach 8 px (`MAX_HALF_PX` of the edges), those of the levels 2.5 px
 /// further, on a diagonal 1.4 times as much, and a pixel is cut at either end.
 const REACH: usize = 17;
-/// Sums of so many pixels, and of none.
+/// Sums that are kept, which follows: of none, and of each pixel more.
 const COUNT: usize = 2 * REACH + 2;
 
 /// One row or column of an image, and the sums of its levels from a pixel on.

@@ -61,32 +61,32 @@ impl LivePublisher {
     }
 
     /// Publishes a record, and what is derived of it; `goal_px` is where the points of the goal are to be, px.
-    pub(crate) fn publish(&mut self, record: &RunRecord, goal_px: &BTreeMap<u32, [f64; 2]>) {
+    pub(crate) fn publish(&mut self, record: &RunRecord<'_>, goal_px: &BTreeMap<u32, [f64; 2]>) {
         if !self.hub.has_viewers() {
             return;
         }
         match record {
-            RunRecord::Status(status) => self.record("/control/status", status.stamp, status),
+            RunRecord::Status(status) => self.record("/control/status", status.stamp, *status),
             RunRecord::Tick(tick) => {
                 if !std::mem::replace(&mut self.has_fixed, true) {
                     let fixed = self.derived.fixed(tick.stamp);
                     fixed.into_iter().for_each(|message| self.derived_message(message));
                 }
-                self.record("/control/trace", tick.stamp, tick);
-                let TraceMsg { stamp, q, qd, tau, .. } = *tick;
+                self.record("/control/trace", tick.stamp, *tick);
+                let TraceMsg { stamp, q, qd, tau, .. } = **tick;
                 let state = JointState { stamp, q, qd, tau, ..JointState::default() };
                 let made = self.derived.joint_state(&state).into_iter().chain(self.derived.tick(tick));
                 made.collect::<Vec<_>>().into_iter().for_each(|message| self.derived_message(message));
             }
             RunRecord::Measurement(m) => {
-                self.record(&format!("/vision/{}/measurement", m.camera), m.exposure, m);
+                self.record(&format!("/vision/{}/measurement", m.camera), m.exposure, *m);
                 if !goal_px.is_empty() {
                     self.derived.set_goal_px(goal_px.iter().map(|(id, px)| (*id, *px)));
                 }
                 self.derived.measurement(m).into_iter().for_each(|message| self.derived_message(message));
             }
             RunRecord::Health(camera, health) => {
-                self.record(&format!("/camera/{camera}/health"), health.stamp, health);
+                self.record(&format!("/camera/{camera}/health"), health.stamp, *health);
             }
         }
     }
