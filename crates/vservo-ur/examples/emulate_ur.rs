@@ -1,4 +1,4 @@
-//! An emulated robot by itself, with joints that follow at once: `cargo run -p vservo-ur --example emulate -- 127.0.0.1 e-series`.
+//! An emulated robot by itself, with joints that follow at once: `cargo run -p vservo-ur --example emulate_ur -- 127.0.0.1 e-series`.
 
 #![allow(clippy::print_stdout)] // a program for people
 

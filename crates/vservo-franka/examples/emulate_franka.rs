@@ -1,4 +1,4 @@
-//! An emulated robot at 127.0.0.1 until it is ended, with joints that lag: `cargo run -p vservo-franka --example emulate [ADDRESS [MISSED_CYCLES]]`.
+//! An emulated robot at 127.0.0.1 until it is ended, with joints that lag: `cargo run -p vservo-franka --example emulate_franka [ADDRESS [MISSED_CYCLES]]`.
 
 #![allow(clippy::print_stdout)] // it is for whoever looks at it
 
