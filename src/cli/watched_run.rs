@@ -4,7 +4,7 @@ use crate::client::{Client, RunAnswer, RunWatch};
 use crate::config::Config;
 use crate::input::printable;
 use crate::ipc::ReceivedFrame;
-use crate::monitor::{MonitorOrder, RunRecord, RunView};
+use crate::monitor::{MonitorOrder, RunView, WatchedRecord};
 use crate::process::{ProcessError, StopFlag};
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::Vector2;
@@ -46,10 +46,10 @@ impl WatchedRun {
         &mut self,
         view: &mut RunView,
         time: MonoNs,
-        also: &mut dyn FnMut(&RunRecord<'_>),
+        also: &mut dyn FnMut(&WatchedRecord<'_>),
     ) -> Result<bool, ProcessError> {
         let mut has_new_goal = false;
-        let mut take = |record: &RunRecord<'_>| {
+        let mut take = |record: &WatchedRecord<'_>| {
             has_new_goal |= view.take(record, time);
             also(record);
         };

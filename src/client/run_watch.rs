@@ -1,11 +1,11 @@
-//! Watching a running instance: what its processes send, as [`RunRecord`]s. Whoever watches waits for nothing and is waited for by nobody: what is not
+//! Watching a running instance: what its processes send, as [`WatchedRecord`]s. Whoever watches waits for nothing and is waited for by nobody: what is not
 //! taken in time is overwritten.
 
 use super::reach;
 use crate::config::{Clock, Config};
 use crate::ipc::{Instance, IpcError, QuietFrameReceiver, ReceivedFrame, Receiver, Role, Services};
 use crate::messages::{CameraHealth, CameraId, Measurement, Status, TraceMsg};
-use crate::monitor::{CellFacts, RunRecord};
+use crate::monitor::{CellFacts, WatchedRecord};
 use crate::process::{LeftoversGuard, ProcessError, frame_shape};
 use crate::report::run_page::JointSummary;
 
@@ -69,19 +69,19 @@ impl RunWatch {
     ///
     /// # Errors
     /// When shared memory fails.
-    pub fn take_all(&self, take: &mut dyn FnMut(&RunRecord<'_>)) -> Result<(), ProcessError> {
+    pub fn take_all(&self, take: &mut dyn FnMut(&WatchedRecord<'_>)) -> Result<(), ProcessError> {
         if let Some(status) = self.status.receive_newest()? {
-            take(&RunRecord::Status(&status));
+            take(&WatchedRecord::Status(&status));
         }
         while let Some(tick) = self.traces.receive()? {
-            take(&RunRecord::Tick(&tick));
+            take(&WatchedRecord::Tick(&tick));
         }
         while let Some(measurement) = self.measurements.receive()? {
-            take(&RunRecord::Measurement(&measurement));
+            take(&WatchedRecord::Measurement(&measurement));
         }
         for (camera, port) in &self.health {
             if let Some(health) = port.receive_newest()? {
-                take(&RunRecord::Health(*camera, &health));
+                take(&WatchedRecord::Health(*camera, &health));
             }
         }
         Ok(())

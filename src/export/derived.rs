@@ -4,7 +4,7 @@
 //! `goal` (D).
 
 use super::cdr::CdrOutput;
-use super::definitions::{definition, full_name};
+use super::derived_message::{AnnotationColour, BASE, DerivedMessage, FLANGE, TARGET, camera_frame};
 use super::scene::scene;
 use crate::camera_model::CameraModel;
 use crate::config::Config;
@@ -13,20 +13,13 @@ use crate::control::safety::Fault;
 use crate::control::trace::event_words;
 use crate::geometry::Pose;
 use crate::messages::{
-    CameraId, CommandForm, ControlState, FrameHeader, JointState, Measurement, RequestMsg, TargetStatus,
-    TraceMsg,
+    CommandForm, ControlState, FrameHeader, JointState, Measurement, RequestMsg, TargetStatus, TraceMsg,
 };
 use crate::robot::Mount;
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::{Quaternion, UnitQuaternion, Vector2};
 use std::collections::BTreeMap;
 
-/// The name of the base's frame.
-pub(super) const BASE: &str = "base";
-/// That of the flange.
-pub(super) const FLANGE: &str = "flange";
-/// That of the target.
-pub(super) const TARGET: &str = "target";
 /// Period of joint states and transforms. Chosen by hand: viewers draw a hundred a second at most, and all 1000 stand on `/control/joint_state`.
 const PERIOD: SpanNs = SpanNs(10_000_000);
 /// Diameter of the signs in an image, px. Chosen by hand, to be seen and to hide little.
@@ -38,34 +31,10 @@ const INFO: u8 = 20;
 const WARN: u8 = 30;
 const ERROR: u8 = 40;
 
-/// Red, green, blue and opacity, 0 to 1.
-pub(super) type AnnotationColour = [f64; 4];
-
 /// Colours of points that were seen, of where they are to be, and none. Chosen by hand, to be told apart also by those who do not see red from green.
 const SEEN: AnnotationColour = [1.0, 0.75, 0.0, 1.0];
 const WANTED: AnnotationColour = [0.2, 0.6, 1.0, 1.0];
 const NOTHING: AnnotationColour = [0.0; 4];
-
-/// One message on a topic that a viewer knows.
-#[derive(Debug, Clone, PartialEq)]
-pub struct DerivedMessage {
-    /// Its topic.
-    pub topic: String,
-    /// The name of its definition.
-    pub(super) definition: &'static str,
-    /// The instant that it is about.
-    pub stamp: MonoNs,
-    /// The message in XCDR1.
-    pub data: Vec<u8>,
-}
-
-impl DerivedMessage {
-    /// The name of its type as ROS 2 has it, and its definition with those that it uses.
-    #[must_use]
-    pub fn schema(&self) -> (String, String) {
-        (full_name(self.definition), definition(self.definition))
-    }
-}
 
 /// Makes them as the records of a run pass by.
 #[derive(Debug)]
@@ -294,11 +263,6 @@ impl DerivedMessages {
             self.goal_px = Some(px.collect());
         }
     }
-}
-
-/// The frame of a camera.
-pub(super) fn camera_frame(camera: CameraId) -> String {
-    format!("camera_{camera}")
 }
 
 fn log(stamp: MonoNs, level: u8, name: &str, what: &str) -> DerivedMessage {

@@ -4,10 +4,12 @@
 mod cdr;
 mod definitions;
 mod derived;
+mod derived_message;
 mod scene;
 mod tables;
 mod viewers;
 
-pub use derived::{DerivedMessage, DerivedMessages};
+pub use derived::DerivedMessages;
+pub use derived_message::DerivedMessage;
 pub use tables::{ExportedTable, write_tables};
 pub use viewers::{ViewerKind, write_for_viewers};

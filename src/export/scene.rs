@@ -2,7 +2,7 @@
 //! its frame and one message is enough for a run.
 
 use super::cdr::CdrOutput;
-use super::derived::{AnnotationColour, BASE, DerivedMessage, FLANGE, TARGET, camera_frame};
+use super::derived_message::{AnnotationColour, BASE, DerivedMessage, FLANGE, TARGET, camera_frame};
 use crate::config::Config;
 use crate::geometry::Pose;
 use crate::time::MonoNs;

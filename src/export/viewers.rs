@@ -1,6 +1,7 @@
 //! Everything of a recording, to the bit, with what viewers know by themselves beside it.
 
-use super::derived::{DerivedMessage, DerivedMessages};
+use super::derived::DerivedMessages;
+use super::derived_message::DerivedMessage;
 use crate::config::Config;
 use crate::messages::MessageRecord;
 use crate::record::{CopiedTopic, RecordedMessage, RecordingError, RecordingReader, RecordingWriter};

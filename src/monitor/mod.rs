@@ -17,6 +17,6 @@ mod snapshot;
 
 pub use draw::draw;
 pub use keys::{MonitorKeys, MonitorOrder};
-pub use run_view::{CellFacts, RunRecord, RunView};
+pub use run_view::{CellFacts, RunView, WatchedRecord};
 pub use screen::{CellStyle, Screen};
 pub use snapshot::{DeadlineTimes, HealthRow, JointRow, ProcessRow, RunFacts, RunSnapshot, StageTimes};

@@ -47,7 +47,7 @@ pub struct CellFacts {
 
 /// What a run's services send to who watches it.
 #[derive(Debug, Clone, Copy)]
-pub enum RunRecord<'a> {
+pub enum WatchedRecord<'a> {
     /// A state of the run.
     Status(&'a Status),
     /// A tick of control.
@@ -108,12 +108,12 @@ impl RunView {
     }
 
     /// Takes in what came at `now` of the watcher's clock. Whether the goal may be another one than the known one.
-    pub fn take(&mut self, record: &RunRecord<'_>, now: MonoNs) -> bool {
+    pub fn take(&mut self, record: &WatchedRecord<'_>, now: MonoNs) -> bool {
         match record {
-            RunRecord::Status(status) => return self.status(status, now),
-            RunRecord::Tick(tick) => self.tick(tick),
-            RunRecord::Measurement(measurement) => self.measurement(measurement, now),
-            RunRecord::Health(camera, health) => self.health(*camera, health),
+            WatchedRecord::Status(status) => return self.status(status, now),
+            WatchedRecord::Tick(tick) => self.tick(tick),
+            WatchedRecord::Measurement(measurement) => self.measurement(measurement, now),
+            WatchedRecord::Health(camera, health) => self.health(*camera, health),
         }
         false
     }

@@ -306,7 +306,7 @@ fn an_arm_visits_views_of_its_board_by_the_clock() {
     // It knows so once the postures are found, and only then.
     assert_eq!(
         run.summary["reason"],
-        "run.duration_s is over before all views were visited",
+        "run.duration_s is over before all postures were visited",
         "{}",
         run.text()
     );

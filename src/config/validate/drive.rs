@@ -93,11 +93,15 @@ pub(super) fn drive(
 
 /// The load of the simulated arm.
 fn payload(s: &RawSimulated, check: &mut Validation<'_>) -> Inertia {
+    let before = check.count_problems();
     let mass = check.range("drive.simulated.payload_kg", s.payload_kg, 0.0..=1000.0);
     let com = Vector3::from_fn(|i, _| {
         let key = format!("drive.simulated.payload_com_m[{i}]");
         s.payload_com_m.get(i).map_or(0.0, |v| check.range(&key, *v, -10.0..=10.0))
     });
+    if check.count_problems() > before {
+        return Inertia::ZERO;
+    }
     load(mass, com, ("drive.simulated.payload_inertia_kg_m2", &s.payload_inertia_kg_m2), check)
 }
 

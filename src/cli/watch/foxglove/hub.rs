@@ -1,7 +1,7 @@
 //! What viewers can subscribe to, and the newest messages of it. The watching loop puts them here, and each viewer's thread takes what it has not sent yet:
 //! one that is slow misses some, and holds up nobody.
 
-use super::protocol::Channel;
+use super::protocol::ViewerChannel;
 use crate::time::MonoNs;
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -26,7 +26,7 @@ struct Channels {
     /// Which run of this watcher, from 1; 0 before the first.
     run: u64,
     name: String,
-    channels: Vec<Arc<Channel>>,
+    channels: Vec<Arc<ViewerChannel>>,
     /// Number of the next channel; those of runs before are not used again.
     next_id: u32,
     /// How many subscribe to each channel.
@@ -49,7 +49,7 @@ pub(crate) struct ChannelHub {
 
 /// What a viewer has been told.
 #[derive(Debug, Default)]
-pub(super) struct Told {
+pub(super) struct ViewerProgress {
     run: Option<u64>,
     pub(super) channels: Vec<u32>,
     count: u64,
@@ -60,7 +60,7 @@ pub(super) struct Told {
 pub(super) struct News {
     /// The run, where it is another one.
     pub(super) run: Option<(u64, String)>,
-    pub(super) new: Vec<Arc<Channel>>,
+    pub(super) new: Vec<Arc<ViewerChannel>>,
     pub(super) gone: Vec<u32>,
     pub(super) messages: Vec<Arc<ChannelMessage>>,
 }
@@ -86,7 +86,8 @@ impl ChannelHub {
         let id = channels.next_id;
         channels.next_id += 1;
         let (encoding, schema_encoding) = ("cdr", "ros2msg");
-        let channel = Channel { id, topic: topic.to_owned(), encoding, schema_name, schema, schema_encoding };
+        let channel =
+            ViewerChannel { id, topic: topic.to_owned(), encoding, schema_name, schema, schema_encoding };
         channels.channels.push(Arc::new(channel));
         drop(channels);
         self.changed.notify_all();
@@ -149,7 +150,7 @@ impl ChannelHub {
     }
 
     /// What there is beyond what was `told`; waits for it for `longest`.
-    pub(super) fn news(&self, told: &mut Told, longest: Duration) -> News {
+    pub(super) fn news(&self, told: &mut ViewerProgress, longest: Duration) -> News {
         let is_old = |now: &mut Channels| {
             Some(now.run) == told.run && now.count == told.count && now.channels.len() == told.channels.len()
         };
@@ -183,7 +184,7 @@ mod tests {
         let (a, b) = (hub.offer("/a", schema()), hub.offer("/b", schema()));
         hub.publish(a, MonoNs(1), vec![1], true);
         hub.publish(b, MonoNs(1), vec![1], false);
-        let (mut told, mut late) = (Told::default(), Told::default());
+        let (mut told, mut late) = (ViewerProgress::default(), ViewerProgress::default());
         let first = hub.news(&mut told, Duration::ZERO);
         assert_eq!((first.run, first.new.len(), first.messages.len()), (Some((1, "one".into())), 2, 0));
         assert_eq!(hub.subscribe(a).map(|m| m.data.clone()), Some(vec![1]), "it is latched");
@@ -210,7 +211,7 @@ mod tests {
         let hub = ChannelHub::default();
         hub.begin(1, "one");
         let a = hub.offer("/a", schema());
-        let mut told = Told::default();
+        let mut told = ViewerProgress::default();
         hub.news(&mut told, Duration::ZERO);
         hub.subscribe(a);
         for k in 0..40 {

@@ -20,7 +20,7 @@ pub(crate) struct SocketRequest {
 /// What viewers can subscribe to.
 #[derive(Debug, Clone, Serialize)]
 #[serde(rename_all = "camelCase")]
-pub(super) struct Channel {
+pub(super) struct ViewerChannel {
     pub(super) id: u32,
     pub(super) topic: String,
     pub(super) encoding: &'static str,
@@ -37,7 +37,7 @@ pub(super) enum ServerText<'a> {
     #[serde(rename_all = "camelCase")]
     ServerInfo { name: &'a str, capabilities: [&'static str; 0], session_id: &'a str },
     /// Channels that are there now.
-    Advertise { channels: Vec<&'a Channel> },
+    Advertise { channels: Vec<&'a ViewerChannel> },
     /// Channels that are gone.
     #[serde(rename_all = "camelCase")]
     Unadvertise { channel_ids: &'a [u32] },
@@ -102,7 +102,7 @@ mod tests {
     fn messages_are_those_of_the_specification() {
         let info = ServerText::ServerInfo { name: "vservo", capabilities: [], session_id: "3" }.to_json();
         assert_eq!(info, r#"{"op":"serverInfo","name":"vservo","capabilities":[],"sessionId":"3"}"#);
-        let channel = Channel {
+        let channel = ViewerChannel {
             id: 7,
             topic: "/tf".into(),
             encoding: "cdr",

@@ -4,7 +4,7 @@ use super::hub::ChannelHub;
 use crate::config::Config;
 use crate::export::{DerivedMessage, DerivedMessages};
 use crate::messages::{CameraHealth, FrameHeader, JointState, Measurement, MessageRecord, Status, TraceMsg};
-use crate::monitor::RunRecord;
+use crate::monitor::WatchedRecord;
 use crate::record::{CDR_LITTLE_ENDIAN, IMAGE_NAME, IMAGE_SCHEMA, ImageMessage, ros2_name, ros2_schema};
 use crate::time::MonoNs;
 use std::collections::BTreeMap;
@@ -61,13 +61,13 @@ impl LivePublisher {
     }
 
     /// Publishes a record, and what is derived of it; `goal_px` is where the points of the goal are to be, px.
-    pub(crate) fn publish(&mut self, record: &RunRecord<'_>, goal_px: &BTreeMap<u32, [f64; 2]>) {
+    pub(crate) fn publish(&mut self, record: &WatchedRecord<'_>, goal_px: &BTreeMap<u32, [f64; 2]>) {
         if !self.hub.has_viewers() {
             return;
         }
         match record {
-            RunRecord::Status(status) => self.record("/control/status", status.stamp, *status),
-            RunRecord::Tick(tick) => {
+            WatchedRecord::Status(status) => self.record("/control/status", status.stamp, *status),
+            WatchedRecord::Tick(tick) => {
                 if !std::mem::replace(&mut self.has_fixed, true) {
                     let fixed = self.derived.fixed(tick.stamp);
                     fixed.into_iter().for_each(|message| self.derived_message(message));
@@ -78,14 +78,14 @@ impl LivePublisher {
                 let made = self.derived.joint_state(&state).into_iter().chain(self.derived.tick(tick));
                 made.collect::<Vec<_>>().into_iter().for_each(|message| self.derived_message(message));
             }
-            RunRecord::Measurement(m) => {
+            WatchedRecord::Measurement(m) => {
                 self.record(&format!("/vision/{}/measurement", m.camera), m.exposure, *m);
                 if !goal_px.is_empty() {
                     self.derived.set_goal_px(goal_px.iter().map(|(id, px)| (*id, *px)));
                 }
                 self.derived.measurement(m).into_iter().for_each(|message| self.derived_message(message));
             }
-            RunRecord::Health(camera, health) => {
+            WatchedRecord::Health(camera, health) => {
                 self.record(&format!("/camera/{camera}/health"), health.stamp, *health);
             }
         }

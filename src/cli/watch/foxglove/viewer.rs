@@ -1,6 +1,6 @@
 //! One viewer: its subscriptions, and what is sent for them.
 
-use super::hub::{ChannelHub, ChannelMessage, Told};
+use super::hub::{ChannelHub, ChannelMessage, ViewerProgress};
 use super::protocol::{ServerText, SocketRequest, Subscription, ViewerText, message_data};
 use crate::rt::now;
 use crate::time::{MonoNs, SpanNs};
@@ -62,7 +62,7 @@ pub(crate) fn serve_viewer(
     hub.count_viewer(true);
     let time = now();
     let mut viewer = Viewer { socket, hub, subscriptions: Vec::new(), heard: time, asked: time };
-    let mut told = Told::default();
+    let mut told = ViewerProgress::default();
     loop {
         if !viewer.listen()? {
             return Ok(());
@@ -143,7 +143,7 @@ impl Viewer<'_> {
         Ok(())
     }
 
-    fn tell_news(&mut self, told: &mut Told) -> Result<(), Error> {
+    fn tell_news(&mut self, told: &mut ViewerProgress) -> Result<(), Error> {
         let news = self.hub.news(told, TURN);
         if !news.gone.is_empty() {
             let hub = self.hub;

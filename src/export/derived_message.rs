@@ -1,0 +1,40 @@
+//! What messages for viewers have in common: their form, and the names of frames.
+
+use super::definitions::{definition, full_name};
+use crate::messages::CameraId;
+use crate::time::MonoNs;
+
+/// The name of the base's frame.
+pub(super) const BASE: &str = "base";
+/// That of the flange.
+pub(super) const FLANGE: &str = "flange";
+/// That of the target.
+pub(super) const TARGET: &str = "target";
+/// Red, green, blue and opacity, 0 to 1.
+pub(super) type AnnotationColour = [f64; 4];
+
+/// One message on a topic that a viewer knows.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DerivedMessage {
+    /// Its topic.
+    pub topic: String,
+    /// The name of its definition.
+    pub(super) definition: &'static str,
+    /// The instant that it is about.
+    pub stamp: MonoNs,
+    /// The message in XCDR1.
+    pub data: Vec<u8>,
+}
+
+impl DerivedMessage {
+    /// The name of its type as ROS 2 has it, and its definition with those that it uses.
+    #[must_use]
+    pub fn schema(&self) -> (String, String) {
+        (full_name(self.definition), definition(self.definition))
+    }
+}
+
+/// The frame of a camera.
+pub(super) fn camera_frame(camera: CameraId) -> String {
+    format!("camera_{camera}")
+}
