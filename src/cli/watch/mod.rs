@@ -54,7 +54,7 @@ pub struct WatchArguments {
     /// Address of this machine at which others may look too, with the token that is printed; without it 127.0.0.1 alone
     #[arg(long, value_name = "ADDRESS")]
     pub listen: Option<IpAddr>,
-    /// Origin of pages that may read along through the WebSocket, as https://viewer.example; again for more. Those of this machine and Foxglove's own may
+    /// Origin of pages that may read along through the WebSocket, scheme and host as browsers send it; again for more. Those of this machine and Foxglove's own may
     #[arg(long, value_name = "ORIGIN")]
     pub origin: Vec<String>,
 }
