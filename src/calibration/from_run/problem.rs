@@ -21,9 +21,11 @@ const UNKNOWN_SD_PX: f64 = 0.05;
 const HUBER: f64 = 3.0;
 /// Fewest views. Chosen by hand: twice as many equations as unknowns with four points each, and a motion.
 const LEAST: usize = 6;
-/// Most steps, most halvings of one, and the step in standard deviations of the prior that ends the search: no estimate is that sure.
+/// Most steps. Chosen by hand, so that the search must come to an end: a small step ends it earlier.
 const ITERATIONS: usize = 60;
+/// Most halvings of a step. Chosen by hand: a four-thousandth of it that is no better leads nowhere.
 const HALVINGS: u32 = 12;
+/// The step in standard deviations of the prior that ends the search. Chosen by hand: no estimate is that sure.
 const LAST_STEP: f64 = 1e-6;
 /// Root mean square of what is left, px, beyond which nothing that is refined explains it. Chosen by hand: an arm whose flange is 3 mm from where its file says is off by
 /// so much half a metre before a usual lens, and points of a target that moved are off by hundreds.
@@ -132,7 +134,7 @@ impl<const N: usize> RunProblem<'_, N> {
         residuals.iter().map(of).sum::<f64>() + 0.5 * prior
     }
 
-    /// RunInformation and gradient of the cost, where the unknowns that are not `free` stay.
+    /// Information matrix and gradient of the cost.
     fn normal(
         &self,
         first: &Pose,

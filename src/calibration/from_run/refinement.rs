@@ -11,7 +11,7 @@ use serde::Serialize;
 use std::fmt::Write;
 use thiserror::Error;
 
-/// Share of the prior from which on a number counts as not seen: the run has not made it twice as certain.
+/// Share of the prior from which on a number counts as not seen. Chosen by hand: the run has not made it twice as certain.
 const UNSEEN_SHARE: f64 = 0.5;
 /// What of the unknowns belongs to the run file: all but the pose of the target, so that six are left out.
 const TOLD: usize = 13;

@@ -17,9 +17,10 @@ const LEAST: usize = 310;
 /// Rounds in which weights and the prior of the inertia follow what was found. Chosen by hand: the fourth changes the third by less than a per cent of a
 /// standard deviation.
 const ROUNDS: usize = 5;
-/// Standard deviation of what no model of a joint's torque is better than, as a share of its largest effort, and how long it keeps its sign, s. Chosen by hand: a
-/// tenth of what a torque constant is usually told to, and half of a leg of the motion.
+/// Standard deviation of what no model of a joint's torque is better than, as a share of its largest effort. Chosen by hand: a tenth of what a torque constant is
+/// usually told to.
 const FLOOR: f64 = 1e-3;
+/// How long that keeps its sign, s. Chosen by hand: half of a leg of the motion.
 const FLOOR_S: f64 = 1.0;
 /// The same before any residual is known. Chosen by hand: the rounds that follow forget it.
 const FIRST_GUESS: f64 = 0.01;
@@ -27,20 +28,22 @@ const FIRST_GUESS: f64 = 0.01;
 const REMEMBERED: f64 = 0.1;
 /// Longest memory, s. Chosen by hand: the longest leg.
 const LONGEST_S: f64 = 6.0;
-/// Standard deviations of the prior: mass, kg, and first moment, kg m. Chosen by hand: ten times what an arm of seven joints carries, so that it is told by the motion alone.
+/// Standard deviation of the prior of the mass, kg. Chosen by hand: ten times what an arm of seven joints carries, so that it is told by the motion alone.
 const PRIOR_KG: f64 = 100.0;
+/// The same of the first moment, kg m. Chosen by hand: ten times that of 3 kg at 0.1 m, for the same.
 const PRIOR_KG_M: f64 = 3.0;
 /// Mass that the prior of the moments counts with at least, kg. Chosen by hand: that of a small camera.
 const LEAST_KG: f64 = 0.1;
-/// LoadPrior of a joint's friction, as a share of its largest effort: at any speed, and at its largest one. Chosen by hand: more would leave nothing to move with.
+/// Prior of a joint's friction, as a share of its largest effort: at any speed, and at its largest one. Chosen by hand: more would leave nothing to move with.
 const FRICTION_SHARE: f64 = 0.5;
-/// LoadPrior of rotors that the file tells, as a share. Chosen by hand, beyond what makers state.
+/// Prior of rotors that the file tells, as a share. Chosen by hand, beyond what makers state.
 const TOLD_ROTOR_SHARE: f64 = 0.2;
-/// LoadPrior of rotors that it does not tell, as a share of what is likely ([`JointLimits::likely_rotor`](crate::robot::JointLimits::likely_rotor)). Chosen by hand:
+/// Prior of rotors that it does not tell, as a share of what is likely ([`JointLimits::likely_rotor`](crate::robot::JointLimits::likely_rotor)). Chosen by hand:
 /// with all of what is likely, or none.
 const UNTOLD_ROTOR_SHARE: f64 = 1.0;
-/// Standard deviation of the mass, kg and as a share of it, from which on it counts as not seen. Chosen by hand: half a kilogram is what the grippers of small arms weigh.
+/// Standard deviation of the mass, kg, from which on it counts as not seen. Chosen by hand: half a kilogram is what the grippers of small arms weigh.
 const UNSEEN_KG: f64 = 0.5;
+/// The same as a share of the mass, since a heavy load may be less certain; both must be exceeded. Chosen by hand: two deviations from none.
 const UNSEEN_SHARE: f64 = 0.5;
 /// Standard deviations by which a mass may be below zero. Chosen by hand: one of a thousand by chance.
 const BELOW_ZERO: f64 = 3.0;

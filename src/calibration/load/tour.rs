@@ -13,8 +13,9 @@ const POSTURES: usize = 12;
 const LEAST: usize = 4;
 /// Farthest that a joint goes from the start, rad or m. Chosen by hand: a wrist shows gravity across and along its tool.
 const FARTHEST: f64 = 1.2;
-/// Farthest that a joint by itself takes the flange, m, and that all of them do. Chosen by hand: a hand's breadth, and the length of a tool.
+/// Farthest that a joint by itself takes the flange, m. Chosen by hand: a hand's breadth.
 const FLANGE_M: f64 = 0.12;
+/// Farthest that all of them take it, m. Chosen by hand: the length of a tool.
 const ALL_M: f64 = 0.25;
 /// Share of the way to the end of its range that a joint may go. Chosen by hand: half of it stays free for overshoot.
 const RANGE_SHARE: f64 = 0.5;

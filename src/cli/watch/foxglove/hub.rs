@@ -126,11 +126,14 @@ impl ChannelHub {
         self.changed.notify_all();
     }
 
-    /// A viewer subscribes to a channel; what is latched there.
-    pub(super) fn subscribe(&self, channel: u32) -> Option<Arc<ChannelMessage>> {
+    /// A viewer subscribes to a channel; what is latched there. `Err` with words where there is no such channel: nothing is kept for numbers that viewers make up.
+    pub(super) fn subscribe(&self, channel: u32) -> Result<Option<Arc<ChannelMessage>>, &'static str> {
         let mut channels = self.lock();
+        if !channels.channels.iter().any(|offered| offered.id == channel) {
+            return Err("there is no such channel");
+        }
         *channels.subscribers.entry(channel).or_default() += 1;
-        channels.latched.get(&channel).map(Arc::clone)
+        Ok(channels.latched.get(&channel).map(Arc::clone))
     }
 
     /// A viewer does not want a channel any more.
@@ -187,8 +190,9 @@ mod tests {
         let (mut told, mut late) = (ViewerProgress::default(), ViewerProgress::default());
         let first = hub.news(&mut told, Duration::ZERO);
         assert_eq!((first.run, first.new.len(), first.messages.len()), (Some((1, "one".into())), 2, 0));
-        assert_eq!(hub.subscribe(a).map(|m| m.data.clone()), Some(vec![1]), "it is latched");
-        assert!(hub.subscribe(b).is_none() && hub.is_wanted(b) && !hub.is_wanted(99));
+        assert_eq!(hub.subscribe(a).unwrap().map(|m| m.data.clone()), Some(vec![1]), "it is latched");
+        assert!(hub.subscribe(b).unwrap().is_none() && hub.is_wanted(b));
+        assert!(hub.subscribe(99).is_err() && !hub.is_wanted(99), "nobody offers it");
         hub.publish(b, MonoNs(2), vec![2], false);
         hub.publish(b, MonoNs(3), vec![3], false);
         let news = hub.news(&mut told, Duration::ZERO);
@@ -213,7 +217,7 @@ mod tests {
         let a = hub.offer("/a", schema());
         let mut told = ViewerProgress::default();
         hub.news(&mut told, Duration::ZERO);
-        hub.subscribe(a);
+        hub.subscribe(a).unwrap();
         for k in 0..40 {
             hub.publish(a, MonoNs(k), vec![0; 1 << 20], false);
         }

@@ -120,9 +120,12 @@ impl Viewer<'_> {
                         self.refuse("a subscription has a number that is in use, or there are too many")?;
                         continue;
                     }
-                    self.subscriptions.push(wanted);
-                    if let Some(latched) = self.hub.subscribe(wanted.channel_id) {
-                        self.send(wanted.id, &latched)?;
+                    match self.hub.subscribe(wanted.channel_id) {
+                        Ok(latched) => {
+                            self.subscriptions.push(wanted);
+                            latched.map_or(Ok(()), |latched| self.send(wanted.id, &latched))?;
+                        }
+                        Err(why) => self.refuse(why)?,
                     }
                 }
             }
