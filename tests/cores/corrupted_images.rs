@@ -154,7 +154,7 @@ fn a_disturbed_target_is_refused() {
         for tracked in [false, true] {
             let mut random = Random(7);
             let mut count = Count::default();
-            for i in 0..120 {
+            for i in 0..60 {
                 let (noise, blur) = ([0.0, 1.0, 2.0, 4.0][i % 4], [0.3, 0.5, 1.0][i % 3]);
                 let mut bench = Bench::new([0.0, -0.2][i % 2], sensor(blur, noise, i as u64));
                 let X_CO = random.pose(&bench.renderer, 4.0);
@@ -197,7 +197,7 @@ fn a_disturbance_that_stays_is_refused() {
     for kind in [Harm::Shadow, Harm::Cover, Harm::Glare] {
         let mut random = Random(19);
         let (mut refused, mut accepted) = (0, Vec::new());
-        for i in 0..120 {
+        for i in 0..60 {
             let (noise, blur) = ([0.0, 1.0, 2.0, 4.0][i % 4], [0.3, 0.5, 1.0][i % 3]);
             let mut bench = Bench::new([0.0, -0.2][i % 2], sensor(blur, noise, 500 + i as u64));
             let X_CO = random.pose(&bench.renderer, 4.0);

@@ -193,7 +193,7 @@ fn nothing_is_found_where_there_is_none() {
         look_for(Target::from(FourDots::default())),
         look_for(grid(5, 7)),
     ];
-    for _ in 0..60 {
+    for _ in 0..20 {
         let X_CO = bench.pose(&mut random);
         bench.render(&X_CO);
         for (i, vision) in others.iter_mut().enumerate() {
@@ -203,7 +203,7 @@ fn nothing_is_found_where_there_is_none() {
     }
     // equal dots, however many
     for n in [5, 6, 9] {
-        for _ in 0..30 {
+        for _ in 0..12 {
             let X_CO = bench.pose(&mut random);
             let radius_m = random.within(0.002, 0.0075);
             crate::rendered::equal_dots(&camera(0.0), &X_CO, n, 0.02, radius_m, &mut bench.image);
@@ -228,7 +228,7 @@ fn equal_dots_are_found_whole_and_numbered_upright() {
         let mut vision = Vision::new(camera, Target::from(DotGrid::equal(n, n, 0.02).unwrap()), settings);
         let mut one_more =
             Vision::new(camera, Target::from(DotGrid::equal(n + 1, n, 0.02).unwrap()), settings);
-        for _ in 0..30 {
+        for _ in 0..12 {
             let X_CO = bench.pose(&mut random);
             let radius_m = random.within(0.003, 0.0065);
             crate::rendered::equal_dots(&camera, &X_CO, n, 0.02, radius_m, &mut image);

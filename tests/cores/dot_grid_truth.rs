@@ -113,15 +113,15 @@ fn grids_found(around: Around, seed: u64, count: usize, (low_px, high_px): (f64,
     found
 }
 
-/// 295 of 300 above a pitch of 11 px, whatever lies around. What is tuned was tuned on the seeds 100 to 153.
+/// 295 of 300 above a pitch of 11 px, whatever lies around; of few views one may be missed. What is tuned was tuned on the seeds 100 to 153.
 #[test]
 fn grids_are_found_whatever_lies_around() {
     let seed = std::env::var("VSERVO_SEED").ok().and_then(|n| n.parse().ok()).unwrap_or(7000);
-    let count = 15 * campaign();
+    let count = 8 * campaign();
     let around = [Around::Nothing, Around::Discs(40), Around::Discs(200), Around::Mottle(0.05)];
     let found = (seed..).zip(around).map(|(seed, around)| grids_found(around, seed, count, (11.0, 60.0)));
     let (found, all) = (found.sum::<usize>(), around.len() * count);
-    assert!(300 * found >= 295 * all, "{found} of {all}");
+    assert!(all - found <= (5 * all / 300).max(1), "{found} of {all}");
 }
 
 /// Discs in disorder, and in order with sizes drawn by dice: neither is the grid.
@@ -130,7 +130,7 @@ fn dots_that_are_no_grid_are_none() {
     let mut dice = Dice(7100);
     let target = Target::from(DotGrid::with_pitch(7, 5, 0.02).unwrap());
     let mut times_us = Vec::new();
-    for k in 0..40 * campaign() {
+    for k in 0..16 * campaign() {
         let mut scene = Scene::of_four_dots(Isometry3::translation(0.0, 0.0, 0.5));
         (scene.width, scene.height) = (640, 480);
         scene.discs.clear();

@@ -90,7 +90,7 @@ fn expected(dots: &[Detection]) -> Vec<PredictedPoint> {
 fn any_view_is_found_and_tracking_agrees() {
     let mut dice = Dice(11);
     let target = Target::from(FourDots::default());
-    let (count, mut found) = (200 * campaign(), 0);
+    let (count, mut found) = (100 * campaign(), 0);
     let mut misses: BTreeMap<String, usize> = BTreeMap::new();
     let (mut square, mut dots, mut greatest) = (0.0, 0.0, 0.0f64);
     let mut times_us = Vec::new();

@@ -150,7 +150,7 @@ fn save(k: u32, pixels: &[u8], scene: &Scene) {
 #[test]
 fn random_views_are_found_where_they_are() {
     for (name, of, seed) in [("arrow", &ARROW[..], 7), ("L", &L[..], 8)] {
-        let s = campaign(of, 40, seed, |_| {});
+        let s = campaign(of, 20, seed, |_| {});
         let (rms_px, chi2) = ((s.squares / s.points).sqrt(), s.chi2 / s.points);
         let (found, views) = (s.found, s.views);
         println!(

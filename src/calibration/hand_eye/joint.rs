@@ -21,9 +21,12 @@ use nalgebra::{Matrix6, SMatrix, SVector, Vector6};
 const MAX_ITERATIONS: u32 = 100;
 /// Steps below this (m, rad, s) are the last. Chosen by hand: rounding in sums over all corners of all views allows no more digits.
 const LAST_STEP: f64 = 1e-11;
-/// A step that promises no more than this part of the loss is the last: gain over loss is the square of the step in standard deviations, over
-/// the degrees of freedom, so that it moves the mount by less than 1e-6 of its standard deviation times their root.
-const LAST_GAIN: f64 = 1e-13;
+/// The promised fall, relative to the loss by degree of freedom, that ends it: the promise over that is the square of the step in standard
+/// deviations, so that the last step is less than a thousandth of one. Much less cannot be asked for: a corner at 1000 px is rounded by 1e-13 px, so that
+/// the loss of corners that fit to 0.001 px is known to 1e-11 of it, and whether it falls is chance below that.
+const LAST_GAIN: f64 = 1e-7;
+/// A loss by degree of freedom that is none, what is left of exact data: residuals of 1e-5 standard deviations.
+const NOTHING: f64 = 1e-10;
 /// Chosen by hand, and a thousand times less than in other problems; what speaks for that is not known.
 const FIRST_DAMPING: f64 = 1e-6;
 
@@ -110,7 +113,8 @@ pub fn refine_jointly(
         };
         let candidate = state.after(&step);
         // A strongly damped step is short because of the damping, so that it does not show convergence.
-        let last = damping < 1e-3 && (step.size < LAST_STEP || step.gain <= LAST_GAIN * here.loss);
+        let last =
+            damping < 1e-3 && (step.size < LAST_STEP || step.gain <= LAST_GAIN * here.loss_by_freedom());
         // one so long that the board comes behind the camera fails
         match problem.sums(&candidate) {
             Ok(next) if next.loss <= here.loss => {
@@ -323,6 +327,11 @@ impl JointEquations {
         let of_views: f64 = self.views.iter().zip(&views).map(|(view, d)| view.right.dot(d)).sum();
         let gain = self.right.dot(&global) + of_views;
         size.is_finite().then_some(RefinementStep { global, views, size, gain })
+    }
+
+    /// A correction of the arm's pose is an unknown and an observation, so that it counts as neither.
+    fn loss_by_freedom(&self) -> f64 {
+        (self.loss / (2 * self.corners).saturating_sub(TIME).max(1) as f64).max(NOTHING)
     }
 
     fn undetermined(&self, time_offset: bool) -> HandEyeError {

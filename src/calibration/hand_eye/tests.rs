@@ -113,6 +113,23 @@ fn covariances_are_honest() {
     }
 }
 
+/// Rounding decides there whether a loss falls: a stop that waits for less than that finds none.
+#[test]
+fn corners_true_to_a_thousandth_of_a_pixel_converge() {
+    for seed in 0..200 {
+        for (place, corner_sd_px) in PLACES.into_iter().zip([1e-3, 1e-4]) {
+            let mut random = Random::new(seed);
+            let mut cell = SimulatedCell::new(place, &mut random);
+            cell.corner_sd_px = corner_sd_px;
+            let views = cell.views(12, &mut random);
+            let settings = JointSettings { robot: RobotSd::default(), ..settings(&cell) };
+            let start = pose([1e-3, -1e-3, 1e-3, 2e-3, -2e-3, 1e-3]) * cell.X_MC;
+            let fit = refine_jointly(&all(&views), &camera(), &settings, &start, &cell.X_WO).unwrap();
+            assert!(gap(&fit.X_MC, &cell.X_MC) < 1e-5, "{seed} {}", gap(&fit.X_MC, &cell.X_MC));
+        }
+    }
+}
+
 /// The refinement beats both closed forms where the corners are the error, and tells by how much the robot is off where it is that.
 #[test]
 fn the_refinement_is_better_than_the_closed_forms() {
