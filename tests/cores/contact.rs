@@ -149,6 +149,73 @@ fn a_joint_that_jams_is_told_within_a_quarter_of_a_second() {
     }
 }
 
+/// What became of a joint that stands from a moment on.
+#[derive(Debug)]
+struct Jam {
+    /// Speed of the joint when it was stopped, rad/s or m/s.
+    speed: f64,
+    /// Time until the fault, ms, and its kind.
+    told: Option<(usize, Fault)>,
+    /// The largest torque against it until then beyond that of gravity, as a share of its limit; 0 where torques are not known.
+    share: f64,
+}
+
+fn jammed(file: &str, mode: &str, joint: usize, from: usize) -> Jam {
+    let config = load(
+        file,
+        &[
+            format!("drive.mode={mode}"),
+            format!("drive.simulated.jam={{joint={joint},from_s={:?}}}", from as f64 * 1e-3),
+        ],
+    );
+    fn beyond<const N: usize>(robot: &Robot<N>, state: &JointState, joint: usize) -> f64 {
+        let q = SVector::<f64, N>::from_fn(|i, _| state.q_true[i]);
+        (state.tau[joint] - robot.gravity(&q)[joint]).abs() / robot.limits()[joint].effort
+    }
+    let (mut jam, mut tick) = (Jam { speed: 0.0, told: None, share: 0.0 }, 0);
+    simulate_system(&config, &mut |moment| {
+        if let Moment::Tick(trace, _) = moment {
+            let state = &trace.joint_state;
+            tick += 1;
+            if tick <= from {
+                jam.speed = state.qd_true[joint].abs();
+            } else if jam.told.is_none() {
+                jam.told = trace.fault.map(|fault| (tick - from, fault));
+                if mode == "torque" && tick > from + 1 {
+                    let share = vservo::dispatch_robot!(config.robot, |robot| beyond(&robot, state, joint));
+                    jam.share = jam.share.max(share.unwrap());
+                }
+            }
+        }
+        ControlFlow::Continue(())
+    })
+    .unwrap();
+    jam
+}
+
+/// A joint that is on its way is told within a tenth of a second, whatever closes the loop. Slower ones are told later, and some had come to where they were to go.
+#[test]
+fn a_joint_that_is_stopped_in_its_motion_is_told_at_once() {
+    for file in ["ur5", "panda", "xarm7"] {
+        for mode in ["torque", "velocity", "position"] {
+            let all = (0..6).flat_map(|joint| [250, 400].map(|from| (joint, from)));
+            let mut fast = 0;
+            for (joint, from) in all {
+                let jam = jammed(file, mode, joint, from);
+                println!("{file} {mode}, joint {joint} after {from} ms: {jam:.3?}");
+                if jam.speed < 0.4 {
+                    continue;
+                }
+                fast += 1;
+                let (after, fault) = jam.told.unwrap();
+                assert_eq!(fault, Fault::Contact, "{file} {mode} {joint} {from}");
+                assert!(after <= 100, "{file} {mode} {joint} {from}: {after} ms");
+            }
+            assert!(fast >= 5, "{file} {mode}: {fast}");
+        }
+    }
+}
+
 /// A push during a motion: an arm that is to ignore it converges all the same, and does not swing.
 #[test]
 fn a_push_that_is_ignored_is_given_way_to() {

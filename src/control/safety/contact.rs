@@ -1,8 +1,10 @@
 //! Contact: something from outside acts on the arm.
 //!
 //! With a drive that obeys torques the [momentum observer](ExternalTorqueObserver) tells the torque from outside of each joint, with its standard deviation. A drive that closes
-//! its own loop does not tell its torques: there a joint that [falls behind](DriveLagObserver) its commands by more than that drive does by itself is in contact.
+//! its own loop does not tell its torques: there a joint that [falls behind](DriveLagObserver) its commands by more than that drive does by itself is in contact. Before every drive a joint that
+//! [is stopped](super::stopped_joint) in its motion is.
 
+use super::stopped_joint::StoppedJointWatch;
 use crate::drive::{CommandMode, DriveCommand, DriveState};
 use crate::linalg::Ldlt;
 use crate::motion::{DriveLagObserver, ExternalTorqueObserver, JointController};
@@ -49,6 +51,7 @@ pub struct Contact {
 #[derive(Debug, Clone)]
 pub struct ContactWatch<const N: usize> {
     observer: Observer<N>,
+    stopped: StoppedJointWatch<N>,
     in_a_row: u32,
     /// When the last state was taken in; `None` where it was late.
     at: Option<MonoNs>,
@@ -73,7 +76,7 @@ impl<const N: usize> ContactWatch<N> {
             let step = *joint_control.encoder_step();
             Observer::Lag(Box::new(DriveLagObserver::new(step)), None, mode == CommandMode::Position)
         };
-        Self { observer, in_a_row: 0, at: None, is_late: false }
+        Self { observer, stopped: StoppedJointWatch::default(), in_a_row: 0, at: None, is_late: false }
     }
 
     /// Takes in what the last `command` did to the arm, which is in `state` at `now`; `None` where one of them is not known. A motion over more than a tick (a
@@ -105,6 +108,9 @@ impl<const N: usize> ContactWatch<N> {
         if has_gap || was_late {
             joint_control.skip_window();
         }
+        if let Some((state, command)) = did {
+            self.stopped.note(&state.q, joint_control.encoder_step(), &command.qd_r);
+        }
         match (&mut self.observer, did) {
             (Observer::Torque(observer), Some((state, command))) => {
                 let doubt = (&joint_control.payload_doubt(), &joint_control.rotor_doubt());
@@ -130,6 +136,7 @@ impl<const N: usize> ContactWatch<N> {
     /// Reference and arm were brought together: lags of before do not count.
     pub fn restart(&mut self) {
         self.in_a_row = 0;
+        self.stopped.restart();
         if let Observer::Lag(observer, ..) = &mut self.observer {
             observer.restart();
         }
@@ -137,6 +144,7 @@ impl<const N: usize> ContactWatch<N> {
 
     /// The next state has none before it.
     fn forget_state(&mut self) {
+        self.stopped.restart();
         match &mut self.observer {
             Observer::Torque(observer) => observer.skip(),
             Observer::Lag(observer, last, _) => {
@@ -166,7 +174,7 @@ impl<const N: usize> ContactWatch<N> {
     /// Whether something touches the arm.
     #[must_use]
     pub fn is_touched(&self) -> bool {
-        self.in_a_row >= TICKS
+        self.in_a_row >= TICKS || self.stopped.held().is_some()
     }
 
     /// The contact of an arm in posture `q`, if there is one.
@@ -175,7 +183,7 @@ impl<const N: usize> ContactWatch<N> {
         if !self.is_touched() {
             return None;
         }
-        let joint = self.excess().imax();
+        let joint = self.stopped.held().unwrap_or_else(|| self.excess().imax());
         let torques = self.external_torque();
         Some(Contact {
             joint,

@@ -32,6 +32,7 @@ mod contact;
 mod encoders;
 mod freshness;
 mod rest;
+mod stopped_joint;
 mod swing;
 
 pub use arm::ArmWatch;
@@ -240,7 +241,7 @@ impl Fault {
                  command and motion, tell the rotors' inertia (armature_kg_m2) and what the arm carries ([tool])"
             }
             Self::Contact => {
-                "something touches the arm: clear its way; where nothing does, tell what it carries ([tool]) and its friction, or set \
+                "something touches the arm, or holds one of its joints: clear its way; where nothing does, tell what it carries ([tool]) and its friction, or set \
                  safety.contact = \"ignore\""
             }
             Self::CameraTurned90 => turned_camera!("90"),
