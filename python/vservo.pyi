@@ -176,8 +176,15 @@ class Client:
         position_m: ArrayLike | None = None,
         rotation_rpy_deg: ArrayLike | None = None,
         rotation_xyzw: ArrayLike | None = None,
+        target: str | None = None,
     ) -> Status:
-        """Another goal: taught, or the target in the camera there: `X_DO` (4, 4), or `position_m` (3,) with a rotation (3,) or (4,)."""
+        """Another goal: taught, or the target in the camera there: `X_DO` (4, 4), or `position_m` (3,) with a rotation (3,) or (4,); `target`: whose it is."""
+
+    def targets(self) -> list[str]:
+        """Names of the targets of the run file; the first one is "target"."""
+
+    def look_for(self, target: str) -> Status:
+        """Another target from now on, with the last goal that it had."""
 
     def teach(self, save: str | PathLike[str] | None = None, timeout_s: float = 30.0) -> Goal:
         """The arm comes to rest, and its view becomes the goal."""
@@ -242,6 +249,7 @@ class Status:
     tick: int | None
     time_s: float | None
     goal: int | None
+    target_number: int | None
     at_goal: bool
     at_goal_s: float | None
     feature_error_px: float | None

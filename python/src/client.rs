@@ -142,11 +142,13 @@ impl Client {
         }
     }
 
-    /// goal(goal=None, *, X_DO=None, position_m=None, rotation_rpy_deg=None, rotation_xyzw=None) -> Status
+    /// goal(goal=None, *, X_DO=None, position_m=None, rotation_rpy_deg=None, rotation_xyzw=None, target=None) -> Status
     ///
     /// Another goal, now, also while the arm moves: a `Goal`, a file of `vservo teach`, or where the target is in the camera at the goal:
     /// `X_DO` (4, 4), as `Measurement.pose` has it, or `position_m` (3,), m, with roll, pitch, yaw in degrees or a unit quaternion.
-    #[pyo3(signature = (goal = None, *, X_DO = None, position_m = None, rotation_rpy_deg = None, rotation_xyzw = None))]
+    /// `target` names the target that it is of, in `[targets]` of the run file, or "target"; left out: the one that the run has.
+    #[pyo3(signature = (goal = None, *, X_DO = None, position_m = None, rotation_rpy_deg = None, rotation_xyzw = None, target = None))]
+    #[allow(clippy::too_many_arguments)] // they are keywords in Python
     fn goal(
         &self,
         py: Python<'_>,
@@ -155,6 +157,7 @@ impl Client {
         position_m: Option<Vec<f64>>,
         rotation_rpy_deg: Option<Vec<f64>>,
         rotation_xyzw: Option<Vec<f64>>,
+        target: Option<String>,
     ) -> PyResult<Status> {
         let has_rotation = rotation_rpy_deg.is_some() || rotation_xyzw.is_some();
         let wanted = match (goal, X_DO, position_m) {
@@ -171,11 +174,29 @@ impl Client {
                 ));
             }
         };
-        self.request(py, move |core| match wanted {
-            Wanted::Taught(goal) => core.goal(&goal),
-            Wanted::File(path) => core.goal_at(&path),
-            Wanted::View(X_DO) => core.goal_pose(&X_DO),
+        self.request(py, move |core| {
+            let core = match &target {
+                Some(name) => core.clone().of_target(name)?,
+                None => core.clone(),
+            };
+            match wanted {
+                Wanted::Taught(goal) => core.goal(&goal),
+                Wanted::File(path) => core.goal_at(&path),
+                Wanted::View(X_DO) => core.goal_pose(&X_DO),
+            }
         })
+    }
+
+    /// targets() -> list[str]: names of the targets of the run file; the first one is "target", that of `[target]`.
+    fn targets(&self) -> Vec<String> {
+        self.core.targets().into_iter().map(|target| target.name).collect()
+    }
+
+    /// look_for(target) -> Status
+    ///
+    /// Another target from now on, with the last goal that it had; before the first one that is `servo.desired` of the run file.
+    fn look_for(&self, py: Python<'_>, target: String) -> PyResult<Status> {
+        self.request(py, move |core| core.look_for(&target))
     }
 
     /// teach(save=None, timeout_s=30.0) -> Goal

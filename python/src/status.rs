@@ -29,6 +29,9 @@ pub struct Status {
     /// Number of the goal: 0 is that of the run file, each new one has the next number.
     #[pyo3(get)]
     goal: Option<u32>,
+    /// Number of the target that the goal is of: 0 is `[target]` of the run file, as in `Client.targets()`.
+    #[pyo3(get)]
+    target_number: Option<u32>,
     /// For how long the goal has been reached and held, s; None where it is not.
     #[pyo3(get)]
     at_goal_s: Option<f64>,
@@ -56,6 +59,7 @@ impl Status {
             tick: a.tick,
             time_s: a.time_s,
             goal: a.goal,
+            target_number: a.target_number,
             at_goal_s: a.at_goal_s,
             feature_error_px: a.feature_error_px,
             position_error_m: a.position_error_m,
@@ -76,6 +80,7 @@ impl Status {
             tick: Some(s.tick),
             time_s: Some(s.time_s),
             goal: Some(s.goal),
+            target_number: Some(s.target_number),
             at_goal_s: known(s.at_goal_s),
             feature_error_px: known(s.feature_error_px),
             position_error_m: known(s.position_error_m),

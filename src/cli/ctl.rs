@@ -43,16 +43,24 @@ pub(super) fn ctl(arguments: &CtlArguments) -> Result<u8, ProcessError> {
         CtlCommand::Teach { save: Some(path) } => {
             return save(&client, path, common.timeout_s.unwrap_or(USUAL_WAIT_S));
         }
-        CtlCommand::Goal { file, position_m, rotation_rpy_deg, rotation_xyzw } => match file {
-            Some(file) => client.goal_at(file),
-            None => {
-                let FixedNumbers(position_m) = position_m.unwrap_or(FixedNumbers([0.0; 3]));
-                client.goal_pose(&Pose::from_parts(
-                    position_m.into(),
-                    rotation(*rotation_rpy_deg, *rotation_xyzw),
-                ))
+        CtlCommand::Goal { file, position_m, rotation_rpy_deg, rotation_xyzw, target } => {
+            let client = match target {
+                Some(name) => client.clone().of_target(name)?,
+                None => client.clone(),
+            };
+            match (file, position_m, target) {
+                (Some(file), ..) => client.goal_at(file),
+                (None, None, Some(name)) => client.look_for(name),
+                (None, position_m, _) => {
+                    let FixedNumbers(position_m) = position_m.unwrap_or(FixedNumbers([0.0; 3]));
+                    client.goal_pose(&Pose::from_parts(
+                        position_m.into(),
+                        rotation(*rotation_rpy_deg, *rotation_xyzw),
+                    ))
+                }
             }
-        },
+        }
+        CtlCommand::Target { name } => client.look_for(name),
         CtlCommand::Goto { file, q } => match (file, q) {
             (Some(file), _) => client.goto_at(file),
             (None, q) => client.goto(q.as_ref().map_or(&[][..], |NumberList(q)| q)),

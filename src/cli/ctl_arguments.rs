@@ -50,7 +50,7 @@ pub enum CtlCommand {
         /// Name in `[goals]` of the run file, or a file of `vservo teach` or `vservo ctl teach --save`
         #[arg(
             value_name = "NAME|FILE",
-            required_unless_present = "position_m",
+            required_unless_present_any = ["position_m", "target"],
             conflicts_with = "position_m"
         )]
         file: Option<PathBuf>,
@@ -69,6 +69,14 @@ pub enum CtlCommand {
         /// Its rotation as a unit quaternion
         #[arg(long, value_name = "X,Y,Z,W", allow_hyphen_values = true, requires = "position_m")]
         rotation_xyzw: Option<FixedNumbers<4>>,
+        /// Of which target it is: a name in `[targets]` of the run file, or `target`; alone: the last goal of that one
+        #[arg(long, value_name = "NAME")]
+        target: Option<String>,
+    },
+    /// Look for another target from now on, with its last goal; before the first one that is servo.desired
+    Target {
+        /// Name in `[targets]` of the run file; `target` is that of `[target]`
+        name: String,
     },
     /// Move the arm to a posture along a limited path, and hold it
     Goto {

@@ -1,5 +1,6 @@
 //! An answer of control in words and numbers.
 
+use super::targets::targets_of;
 use crate::control::lifecycle::{Refusal, Request};
 use crate::control::safety::Fault;
 use crate::input::printable;
@@ -47,6 +48,10 @@ pub struct RunAnswer {
     pub time_s: Option<f64>,
     /// Number of the goal: 0 is that of the run file.
     pub goal: Option<u32>,
+    /// Number of the target of the goal: 0 is `[target]` of the run file.
+    pub target_number: Option<u32>,
+    /// Its name in the run file, where that has several.
+    pub target_name: Option<String>,
     /// Whether the goal is reached and held.
     pub at_goal: Option<bool>,
     /// For how long, s.
@@ -94,6 +99,8 @@ impl RunAnswer {
             tick: Some(a.tick),
             time_s: Some(a.time_s),
             goal: Some(a.goal),
+            target_number: Some(a.target_number),
+            target_name: name_of(instance, a.target_number),
             at_goal: Some(a.at_goal_s.is_finite()),
             at_goal_s: known(a.at_goal_s),
             feature_error_px: known(a.feature_error_px),
@@ -126,6 +133,8 @@ impl RunAnswer {
             tick: None,
             time_s: None,
             goal: None,
+            target_number: None,
+            target_name: None,
             at_goal: None,
             at_goal_s: None,
             feature_error_px: None,
@@ -165,6 +174,9 @@ impl RunAnswer {
         if let Some(code) = self.robot_code {
             let _ = write!(line, " ({code})");
         }
+        if let Some(target) = &self.target_name {
+            let _ = write!(line, ", target {}", printable(target));
+        }
         if let Some(s) = self.at_goal_s {
             let _ = write!(line, ", at the goal for {s:.1} s");
         }
@@ -187,6 +199,13 @@ impl RunAnswer {
         }
         line + "\n"
     }
+}
+
+/// The name of target `number`, where there are several.
+fn name_of(instance: &Instance, number: u32) -> Option<String> {
+    let targets = targets_of(instance);
+    let several = targets.len() > 1;
+    targets.into_iter().nth(number as usize).filter(|_| several).map(|target| target.name)
 }
 
 /// What a reset waits for that a robot in this state has to clear first.

@@ -19,6 +19,7 @@ mod record_stream;
 mod requests;
 #[cfg(feature = "cli")]
 mod run_watch;
+mod targets;
 mod wait;
 
 pub use crate::config::WaitFor;
@@ -28,6 +29,7 @@ pub use record_stream::{RecordStream, Watched};
 pub use requests::Setting;
 #[cfg(feature = "cli")]
 pub use run_watch::RunWatch;
+pub use targets::RunTarget;
 pub use wait::WaitEnd;
 
 use crate::control::lifecycle::Request;
@@ -49,6 +51,8 @@ pub struct Client {
     instance: Instance,
     timeout_s: f64,
     interrupted: StopFlag,
+    /// Of which target the goals are that it sets: as in [`ControlCommand::target`].
+    target: u32,
 }
 
 impl Client {
@@ -59,7 +63,7 @@ impl Client {
     pub fn connect(instance: &str) -> Result<Self, ProcessError> {
         let instance: Instance = instance.parse()?;
         reach::find(&instance)?;
-        Ok(Self { instance, timeout_s: USUAL_TIMEOUT_S, interrupted: StopFlag::default() })
+        Ok(Self { instance, timeout_s: USUAL_TIMEOUT_S, interrupted: StopFlag::default(), target: 0 })
     }
 
     /// The same with another longest wait for each answer, s.

@@ -7,7 +7,7 @@
 //! ```
 
 use super::{Client, RunAnswer, wait};
-use crate::config::{Program, ProgramGoal, ProgramStep, StepAction};
+use crate::config::{FIRST_TARGET, Program, ProgramGoal, ProgramStep, StepAction, TargetGoal};
 use crate::control::lifecycle::Refusal;
 use crate::messages::ControlState;
 use crate::process::{ProcessError, StopFlag};
@@ -124,7 +124,12 @@ impl Client {
 
     /// Refuses a program that this run cannot do, before anything moves: postures of another arm, goals of another target, a run that does not stay.
     fn check_program(&self, program: &Program) -> Result<(), ProcessError> {
-        let (status, target) = (self.status()?, self.target());
+        let (status, targets) = (self.status()?, self.targets());
+        // A goal of no certain target is of the first one.
+        let kind_of = |of: &TargetGoal| {
+            let name = of.target.as_deref().unwrap_or(FIRST_TARGET);
+            targets.iter().find(|target| target.name == name).map(|target| target.kind.clone())
+        };
         let wrong =
             |step: &ProgramStep, why: String| Err(ProcessError::NoCommand(format!("{}: {why}", step.key)));
         if status.served != Some(true) {
@@ -137,15 +142,15 @@ impl Client {
                     let joints = status.q_rad_or_m.len();
                     return wrong(step, format!("`{name}` has {} joints, the arm {joints}", q.len()));
                 }
-                StepAction::Servo(name, ProgramGoal::Taught(goal), _)
-                    if target.as_ref().is_some_and(|target| *target != goal.target) =>
-                {
-                    let target = target.unwrap_or_default();
-                    let why = format!(
-                        "`{name}` is of a target of kind \"{}\", target.kind is \"{target}\"",
-                        goal.target
-                    );
-                    return wrong(step, why);
+                StepAction::Servo(name, of, _) => {
+                    let ProgramGoal::Taught(goal) = &of.goal else { continue };
+                    if let Some(kind) = kind_of(of).filter(|kind| *kind != goal.target) {
+                        let why = format!(
+                            "`{name}` is of a target of kind \"{}\", target.kind is \"{kind}\"",
+                            goal.target
+                        );
+                        return wrong(step, why);
+                    }
                 }
                 _ => {}
             }
@@ -201,8 +206,8 @@ impl Runner<'_> {
         Ok(())
     }
 
-    fn servo(&mut self, goal: &ProgramGoal, for_s: f64, until: Option<MonoNs>) -> Result<(), StepEnd> {
-        if *goal != ProgramGoal::Present {
+    fn servo(&mut self, goal: &TargetGoal, for_s: f64, until: Option<MonoNs>) -> Result<(), StepEnd> {
+        if goal.goal != ProgramGoal::Present || goal.target.is_some() {
             accepted(&self.client.goal_of_program(goal)?)?;
         }
         use ControlState::{Holding, Returning, Servoing, Waiting};
@@ -328,7 +333,10 @@ fn accepted(answer: &RunAnswer) -> Result<(), StepEnd> {
 fn words(action: &StepAction) -> String {
     match action {
         StepAction::Goto(name, _) => format!("goto {name}"),
-        StepAction::Servo(name, _, _) => format!("servo {name}"),
+        StepAction::Servo(name, TargetGoal { target: Some(target), .. }, _) => {
+            format!("servo {name} of {target}")
+        }
+        StepAction::Servo(name, ..) => format!("servo {name}"),
         StepAction::Wait(what) => format!("wait {what}"),
         StepAction::Pause(s) => format!("wait {s} s"),
         StepAction::Call(command) => format!("call {}", command.join(" ")),

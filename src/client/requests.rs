@@ -1,7 +1,7 @@
 //! Requests that carry numbers: goals, postures, small motions, settings.
 
 use super::{Client, RunAnswer, WaitFor};
-use crate::config::{GoalFeature, GoalFile, NamedPlaces, ProgramGoal, RawNamedGoal, RawPosture};
+use crate::config::{GoalFeature, GoalFile, NamedPlaces, ProgramGoal, RawNamedGoal, RawPosture, TargetGoal};
 use crate::control::lifecycle::Request;
 use crate::geometry::Pose;
 use crate::input::nearest;
@@ -59,18 +59,28 @@ impl Client {
     }
 
     /// Makes `goal` the goal; where it is the present one nothing changes.
-    pub(super) fn goal_of_program(&self, goal: &ProgramGoal) -> Result<RunAnswer, ProcessError> {
-        match goal {
-            ProgramGoal::Present => self.status(),
-            ProgramGoal::Taught(goal) => self.goal(goal),
-            ProgramGoal::Pose(X_DO) => self.goal_pose(X_DO),
+    pub(super) fn goal_of_program(&self, of: &TargetGoal) -> Result<RunAnswer, ProcessError> {
+        let client = match &of.target {
+            Some(name) => self.clone().of_target(name)?,
+            None if self.target == 0 && of.goal != ProgramGoal::Present => self.clone().of_first_target(),
+            None => self.clone(),
+        };
+        if let Some(name) = of.target.as_ref().filter(|_| self.target != 0 && self.target != client.target) {
+            return Err(ProcessError::NoCommand(format!("is a goal of the target `{name}`")));
+        }
+        match &of.goal {
+            ProgramGoal::Present if client.target == 0 => client.status(),
+            ProgramGoal::Present => client.last_goal(),
+            ProgramGoal::Taught(goal) => client.goal(goal),
+            ProgramGoal::Pose(X_DO) => client.goal_pose(X_DO),
         }
     }
 
     /// The goals and postures that the run file has names for; none where control does not run.
     #[must_use]
     pub fn named_places(&self) -> NamedPlaces {
-        let mut places = NamedPlaces::default();
+        let targets = self.targets().into_iter().skip(1).map(|target| target.name).collect();
+        let mut places = NamedPlaces { targets, ..NamedPlaces::default() };
         for (key, text) in self.instance().agreement_of(Role::Control).unwrap_or_default() {
             // What is none, as of another version, has no name here: a program that uses it is told so.
             if let Some(name) = key.strip_prefix("goals.") {
@@ -140,9 +150,9 @@ impl Client {
     /// # Errors
     /// As for [`Self::status`], and when it is of another target than the run's.
     pub fn goal(&self, goal: &GoalFile) -> Result<RunAnswer, ProcessError> {
-        if let Some(target) = self.target().filter(|target| *target != goal.target) {
+        if let Some(kind) = self.target_kind()?.filter(|kind| *kind != goal.target) {
             let why =
-                format!("is of a target of kind \"{}\", target.kind of the run is \"{target}\"", goal.target);
+                format!("is of a target of kind \"{}\", that of the run is of kind \"{kind}\"", goal.target);
             return Err(ProcessError::NoCommand(why));
         }
         let s: Vec<f64> = goal.features.iter().flat_map(|feature| feature.s).collect();
@@ -228,7 +238,7 @@ impl Client {
         }
         let feature = |(id, s): &(u32, [f64; 2])| GoalFeature { id: *id, s: *s, px: None, spread_px: None };
         Ok(Ok(GoalFile {
-            target: self.target().unwrap_or_default(),
+            target: self.target_kind()?.unwrap_or_default(),
             measurements: None,
             q_rad_or_m: status.q_rad_or_m,
             thumbnail: None,
@@ -237,14 +247,9 @@ impl Client {
         }))
     }
 
-    /// The word for the target of the run.
-    pub(super) fn target(&self) -> Option<String> {
-        let agreement = self.instance().agreement_of(Role::Control)?;
-        Some(agreement.get("target.kind")?.trim_matches('"').to_owned())
-    }
-
-    fn send(&self, request: Request, command: ControlCommand) -> Result<RunAnswer, ProcessError> {
-        self.ask_with(Some(request), command)
+    pub(super) fn send(&self, request: Request, command: ControlCommand) -> Result<RunAnswer, ProcessError> {
+        let target = if request == Request::Goal { self.target } else { 0 };
+        self.ask_with(Some(request), ControlCommand { target, ..command })
     }
 }
 

@@ -106,6 +106,7 @@ impl CellFacts {
             has_keys: true,
             joints: config.robot.joints.iter().map(JointSummary::of).collect(),
             image_px: [i.width_px, i.height_px].map(f64::from),
+            targets: config.targets().map(|(name, _)| name.to_owned()).collect(),
             goal_error_px: config.goal.feature_error_px,
             hold_s: config.goal.hold.as_s(),
             rate_hz: config.camera.rate_hz,

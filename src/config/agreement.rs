@@ -26,7 +26,7 @@ impl Config {
             flatten(name, part(name), &mut keys);
         }
         // What stands under a name is one value: clients read it.
-        for table in ["goals", "postures"] {
+        for table in ["goals", "postures", "targets"] {
             let Value::Table(named) = part(table) else { continue };
             keys.extend(named.into_iter().filter_map(|(name, value)| {
                 Some((format!("{table}.{name}"), serde_json::to_string(&value).ok()?))

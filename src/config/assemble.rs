@@ -9,7 +9,7 @@ use crate::drive::{
     CommandMode, Drive, EncoderModel, IdealDrive, ShakingBase, SimulatedDrive, SimulatedDriveSettings,
     StandstillDrive, TorqueRipple,
 };
-use crate::faults::{JointFaults, MeasurementFaults};
+use crate::faults::JointFaults;
 use crate::imaging::ImageSizeError;
 use crate::linalg::Random;
 use crate::messages::MAX_JOINTS;
@@ -22,13 +22,16 @@ use crate::motion::{
 use crate::robot::{Friction, Robot, RobotError};
 use crate::scene::{ArmHistory, Renderer, SceneError, SyntheticCamera};
 use crate::servo::VisualServo;
-use crate::vision::{ArmCarrier, Carrier, TaughtViewError, Vision};
+use crate::vision::TaughtViewError;
 use nalgebra::{SVector, Vector2};
 use thiserror::Error;
 
 mod stereo;
+mod vision;
 
 pub use stereo::{stereo_set_point, stereo_vision, taught_points, taught_view};
+use vision::measurement_faults;
+pub use vision::{carrier, target_set, vision};
 
 /// Why the cores of a valid configuration cannot be assembled.
 #[derive(Debug, Error)]
@@ -137,34 +140,6 @@ pub fn require_controllable(config: &Config) -> Result<(), AssembleError> {
     }
 }
 
-/// The vision core of a configuration.
-#[must_use]
-pub fn vision(config: &Config) -> Vision {
-    let vision = Vision::new(config.camera.model, config.target.clone(), config.vision);
-    match measurement_faults(config) {
-        Some(faults) => vision.with_faults(faults),
-        None => vision,
-    }
-}
-
-/// The faults of the measurements of a configuration; `None` where it has none.
-fn measurement_faults(config: &Config) -> Option<MeasurementFaults> {
-    let (list, i) = (&config.faults.measurements, config.camera.model.intrinsics());
-    let f_px = Vector2::new(i.fx_px, i.fy_px);
-    let made = || MeasurementFaults::new(list, config.seed, config.camera.rate_hz, f_px);
-    (!list.is_empty()).then(made)
-}
-
-/// The arm and mount of a configuration, by which vision predicts the target.
-///
-/// # Errors
-/// When the robot cannot be built.
-pub fn carrier(config: &Config) -> Result<Box<dyn Carrier>, RobotError> {
-    crate::dispatch_robot!(config.robot, |robot| {
-        Box::new(ArmCarrier::new(robot, config.camera.mount)) as Box<dyn Carrier>
-    })
-}
-
 /// The renderer of the true scene of a configuration.
 ///
 /// # Errors
@@ -175,10 +150,12 @@ pub fn renderer(config: &Config) -> Result<Renderer, AssembleError> {
     else {
         return Err(AssembleError::NoScene);
     };
+    let further = scene.further_targets.iter().map(|(target, X_WT)| (target, scene.X_WO.inv_mul(X_WT)));
     Ok(Renderer::new(scene.camera, scene.target.clone(), *look, *sensor)?
         .with_response(response, &config.camera.response)
         .with_backdrop(scene.backdrop)?
-        .with_bystanders(&scene.bystanders))
+        .with_bystanders(&scene.bystanders)
+        .with_further_targets(further))
 }
 
 /// The synthetic camera of a configuration, with its true parameters, for an arm at rest at its start.
@@ -367,7 +344,7 @@ pub fn control_loop_with<const N: usize>(
         f_px: Vector2::new(i.fx_px, i.fy_px),
         path: config.servo.path.clone(),
         law: config.servo.law.clone(),
-        points: config.target.point_kind(),
+        points: config.targets().map(|(_, target)| target.point_kind()).collect(),
         stability: f64::NAN,
     };
     let goal = Goal {
@@ -383,11 +360,19 @@ pub fn control_loop_with<const N: usize>(
         one_clock: config.clock == Clock::Realtime,
     };
     let control = ControlLoop::new(Controller::new(settings, servo, behaviour), drive, of_loop);
-    Ok(LockstepRun::new(control, Mission::new(plan, task, goal, truth).in_cell(planning).in_space(space)))
+    let further = config.further_targets.iter().map(|further| further.set_point.clone());
+    let mission = Mission::new(plan, task, goal, truth).with_further_goals(further);
+    Ok(LockstepRun::new(control, mission.in_cell(planning).in_space(space)))
 }
 
 fn truth<const N: usize>(scene: &Scene) -> Result<Truth<N>, AssembleError> {
-    Ok(Truth { robot: scene.arm.build()?, mount: scene.mount, X_WO: scene.X_WO, motion: scene.motion })
+    Ok(Truth {
+        robot: scene.arm.build()?,
+        mount: scene.mount,
+        X_WO: scene.X_WO,
+        further_X_WO: scene.further_targets.iter().map(|(_, X_WO)| *X_WO).collect(),
+        motion: scene.motion,
+    })
 }
 
 fn joint_controller<const N: usize>(

@@ -34,6 +34,7 @@ mod source;
 mod stereo;
 mod tables;
 mod target;
+mod targets;
 mod v4l2;
 mod validate;
 mod wait_for;
@@ -43,7 +44,7 @@ pub use draft::Draft;
 pub use estimation::UNCALIBRATED;
 pub use frame_source::{CameraProgram, ReplayImages, Source, Timing};
 pub use goal_file::{GoalFeature, GoalFile, GoalPose};
-pub use named_goal::ProgramGoal;
+pub use named_goal::{ProgramGoal, TargetGoal};
 pub use problem::{ConfigError, Problem};
 pub use program::{NamedPlaces, Program, ProgramStep, StepAction};
 pub use raw::{Clock, DriveKind, JointControl, RealtimePolicy, ResumePolicy, SchemeKind, SetPointKind, Task};
@@ -52,6 +53,7 @@ pub use scene::Scene;
 pub use shipped::{SHIPPED_FILES, ShippedFile};
 pub use source::Document;
 pub use stereo::{Stereo, taught_file};
+pub use targets::{FIRST_TARGET, FurtherTarget};
 pub use v4l2::{ControlValue, PixelFormatName, Shutter, V4l2Settings};
 pub use wait_for::WaitFor;
 
@@ -99,6 +101,8 @@ pub struct Config {
     pub stereo: Option<Stereo>,
     /// The target.
     pub target: Target,
+    /// Further targets, in the order of their names: their numbers count from 1.
+    pub further_targets: Vec<FurtherTarget>,
     /// The true scene, where the cell is simulated.
     pub scene: Option<Scene>,
     /// Settings of vision.

@@ -22,6 +22,15 @@ pub enum ProgramGoal {
     Pose(Pose),
 }
 
+/// A goal with its target.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TargetGoal {
+    /// The goal; [`ProgramGoal::Present`]: the last one of its target.
+    pub goal: ProgramGoal,
+    /// Name of the target; `None`: `[target]`, and of a goal that is present, that which the run has.
+    pub target: Option<String>,
+}
+
 impl RawNamedGoal {
     /// Reads the file, whose path `locate` makes absolute, and puts what stands in it in its place; converts all ways to write a pose to roll, pitch, yaw.
     pub(super) fn resolve(
@@ -52,23 +61,25 @@ impl RawNamedGoal {
 
     /// The goal, of a file that was checked; `None` where it is none.
     #[must_use]
-    pub fn checked(self) -> Option<ProgramGoal> {
+    pub fn checked(self) -> Option<TargetGoal> {
         let rotation = self.rotation_rpy_rad.unwrap_or_default();
-        match (self.taught, self.position_m) {
-            (Some(goal), _) => Some(ProgramGoal::Taught(goal)),
-            (None, Some(position_m)) => Some(ProgramGoal::Pose(pose(position_m, rotation))),
-            (None, None) => None,
-        }
+        let goal = match (self.taught, self.position_m) {
+            (Some(goal), _) => ProgramGoal::Taught(goal),
+            (None, Some(position_m)) => ProgramGoal::Pose(pose(position_m, rotation)),
+            (None, None) => return None,
+        };
+        Some(TargetGoal { goal, target: self.target })
     }
 
     /// The goal; `None` where it is not there or wrong, which was told.
-    pub(super) fn goal(&self, key: &str, check: &mut Validation<'_>) -> Option<ProgramGoal> {
+    pub(super) fn goal(&self, key: &str, check: &mut Validation<'_>) -> Option<TargetGoal> {
+        let of = |goal| TargetGoal { goal, target: self.target.clone() };
         if let Some(goal) = &self.taught {
-            return Some(ProgramGoal::Taught(goal.clone()));
+            return Some(of(ProgramGoal::Taught(goal.clone())));
         }
         let before = check.count_problems();
         let X_DO = check.pose(key, self.position_m?, self.rotation_rpy_rad.unwrap_or_default());
-        (check.count_problems() == before).then_some(ProgramGoal::Pose(X_DO))
+        (check.count_problems() == before).then(|| of(ProgramGoal::Pose(X_DO)))
     }
 }
 

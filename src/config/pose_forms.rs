@@ -50,7 +50,15 @@ pub(super) fn resolve(raw: &mut RawConfig, document: &Document, problems: &mut V
     for (i, face) in raw.target.points.tags.iter_mut().enumerate() {
         one(&format!("target.points.tags[{i}]"), face);
     }
+    for (name, target) in &mut raw.targets {
+        for (i, face) in target.points.tags.iter_mut().enumerate() {
+            one(&format!("targets.{name}.points.tags[{i}]"), face);
+        }
+    }
     one("scene.object", &mut raw.scene.object);
+    for (name, object) in &mut raw.scene.objects {
+        one(&format!("scene.objects.{name}"), object);
+    }
     one("scene.camera.mount", &mut raw.scene.camera.mount);
     one("servo.desired", &mut raw.servo.desired);
     for (i, pose) in raw.servo.path.poses.iter_mut().enumerate() {

@@ -1,8 +1,9 @@
 //! Programs: what `vservo do` has a running instance do, step by step. All of a file is read and checked before anything moves.
 
-use super::named_goal::ProgramGoal;
+use super::named_goal::{ProgramGoal, TargetGoal};
 use super::raw::{RawNamedGoal, RawPosture};
 use super::source::Document;
+use super::targets::unknown;
 use super::wait_for::WaitFor;
 use super::{ConfigError, Problem, check, tables};
 use crate::input::{file, nearest, number};
@@ -35,6 +36,7 @@ struct RawProgram {
 struct RawStep {
     goto: Option<String>,
     servo: Option<String>,
+    target: Option<String>,
     for_s: Option<f64>,
     wait: Option<String>,
     wait_s: Option<f64>,
@@ -71,7 +73,7 @@ pub enum StepAction {
     /// Moves the arm to a posture, rad or m, and holds it.
     Goto(String, Vec<f64>),
     /// Servoes to a goal until it is reached and held, and goes on for so many seconds.
-    Servo(String, ProgramGoal, f64),
+    Servo(String, TargetGoal, f64),
     /// Waits.
     Wait(WaitFor),
     /// Waits for so many seconds.
@@ -106,14 +108,14 @@ impl Program {
         let mut problems = Vec::new();
         let (raw, more): (RawProgram, _) = tables::read(&mut document, &mut problems);
         let mut reader = ProgramReader { document: &document, folder, problems };
-        let NamedPlaces { mut goals, mut postures } = of_run;
+        let NamedPlaces { mut goals, mut postures, targets } = of_run;
         for (name, goal) in &raw.goals {
-            goals.insert(name.clone(), reader.goal(name, goal));
+            goals.insert(name.clone(), reader.goal(name, goal, &targets));
         }
         for (name, posture) in &raw.postures {
             postures.insert(name.clone(), reader.posture(name, posture));
         }
-        let names = NamedPlaces { goals, postures };
+        let names = NamedPlaces { goals, postures, targets };
         // Steps of which one is wrong are set aside, which was reported.
         if raw.steps.is_empty() && document.get("steps").is_none() && reader.problems.is_empty() {
             reader.wrong("steps", "a program needs a step: [[steps]]".into());
@@ -145,9 +147,11 @@ impl Program {
 #[derive(Debug, Clone, Default)]
 pub struct NamedPlaces {
     /// `[goals.NAME]`
-    pub goals: BTreeMap<String, Option<ProgramGoal>>,
+    pub goals: BTreeMap<String, Option<TargetGoal>>,
     /// `[postures.NAME]`
     pub postures: BTreeMap<String, Option<Vec<f64>>>,
+    /// Names of `[targets.NAME]`.
+    pub targets: Vec<String>,
 }
 
 struct ProgramReader<'a> {
@@ -169,11 +173,18 @@ impl ProgramReader<'_> {
         value
     }
 
-    fn goal(&mut self, name: &str, raw: &RawNamedGoal) -> Option<ProgramGoal> {
+    fn goal(&mut self, name: &str, raw: &RawNamedGoal, targets: &[String]) -> Option<TargetGoal> {
         let (folder, key) = (self.folder, format!("goals.{name}"));
+        self.check_target(&format!("{key}.target"), raw.target.as_deref(), targets);
         let mut raw = raw.clone();
         raw.resolve(&key, self.document, |path| folder.join(path), &mut self.problems);
         raw.goal(&key, &mut check::Validation::new(self.document, &mut self.problems))
+    }
+
+    fn check_target(&mut self, key: &str, name: Option<&str>, targets: &[String]) {
+        if let Some(why) = name.and_then(|name| unknown(name, targets.iter().map(String::as_str))) {
+            self.wrong(key, why);
+        }
     }
 
     fn posture(&mut self, name: &str, raw: &RawPosture) -> Option<Vec<f64>> {
@@ -205,9 +216,11 @@ impl ProgramReader<'_> {
             self.wrong(&key, format!("a step has exactly one of {words}; this one has {}", written.len()));
             return None;
         };
-        for (name, belongs, is_there) in
-            [("for_s", "servo", raw.for_s.is_some()), ("steps", "repeat", !raw.steps.is_empty())]
-        {
+        for (name, belongs, is_there) in [
+            ("for_s", "servo", raw.for_s.is_some()),
+            ("target", "servo", raw.target.is_some()),
+            ("steps", "repeat", !raw.steps.is_empty()),
+        ] {
             if is_there && word != belongs {
                 self.wrong(&format!("{key}.{name}"), format!("goes with {belongs}, not with {word}"));
             }
@@ -225,11 +238,18 @@ impl ProgramReader<'_> {
             "servo" => {
                 let (name, for_s) = (raw.servo.clone()?, raw.for_s.unwrap_or(0.0));
                 self.within(&format!("{key}.for_s"), for_s, &(0.0..=*TIME_S.end()));
-                let goal = if name == "present" {
-                    ProgramGoal::Present
+                self.check_target(&format!("{key}.target"), raw.target.as_deref(), &names.targets);
+                let mut goal = if name == "present" {
+                    TargetGoal { goal: ProgramGoal::Present, target: None }
                 } else {
                     self.named(&at, &name, &names.goals, "goals")?
                 };
+                if let (Some(own), Some(other)) = (&goal.target, &raw.target)
+                    && own != other
+                {
+                    self.wrong(&format!("{key}.target"), format!("`{name}` is a goal of the target `{own}`"));
+                }
+                goal.target = goal.target.or_else(|| raw.target.clone());
                 StepAction::Servo(name, goal, for_s)
             }
             "wait" => match raw.wait.as_deref()?.parse() {
@@ -320,7 +340,8 @@ mod tests {
         let program = parse(text).unwrap();
         assert_eq!(program.steps[0].action, StepAction::Goto("home".into(), vec![0.1, -0.2]));
         let StepAction::Repeat(3, inner) = &program.steps[1].action else { panic!("{:?}", program.steps[1]) };
-        let StepAction::Servo(name, ProgramGoal::Pose(X_DO), for_s) = &inner[0].action else { panic!() };
+        let StepAction::Servo(name, goal, for_s) = &inner[0].action else { panic!() };
+        let ProgramGoal::Pose(X_DO) = &goal.goal else { panic!() };
         assert_eq!((name.as_str(), *for_s, inner[0].timeout_s), ("pick", 1.0, 7.0));
         assert!((X_DO.rotation.angle().to_degrees() - 90.0).abs() < 1e-9);
         assert_eq!((program.on_fault[0].action.clone(), program.all_steps().len()), (StepAction::Reset, 5));

@@ -52,6 +52,9 @@ table! {
         stereo: Option<RawStereo> = None,
         /// `[target]`
         target: RawTarget = RawTarget::default(),
+        /// `[targets.NAME]`: further targets, one at a time, with the keys of `[target]`
+        #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+        targets: BTreeMap<String, RawTarget> = BTreeMap::new(),
         /// `[scene]`
         scene: RawScene = RawScene::default(),
         /// `[vision]`
@@ -171,6 +174,9 @@ table! {
     RawScene {
         /// `[scene.object]`
         object: RawObject = RawObject::default(),
+        /// `[scene.objects.NAME]`: where the targets of `[targets.NAME]` are
+        #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+        objects: BTreeMap<String, RawObject> = BTreeMap::new(),
         /// `[scene.motion]`
         motion: RawSceneMotion = RawSceneMotion::default(),
         /// `[scene.occluder]`

@@ -27,6 +27,8 @@ pub struct Scene {
     pub backdrop: Backdrop,
     /// Other targets beside it, which are not to be detected.
     pub bystanders: Vec<Bystander>,
+    /// The further targets in their true size, each with its pose as [`Self::X_WO`], where they rest.
+    pub further_targets: Vec<(Target, Pose)>,
     /// The arm.
     pub arm: RobotDescription,
     /// True joint positions less what the encoders read, rad or m; as many as the robot has joints.

@@ -178,42 +178,43 @@ table! {
     }
 }
 
-/// The target, where nothing is wrong with it.
-pub(super) fn target(raw: &RawTarget, check: &mut Validation<'_>) -> Option<Target> {
+/// The target in the table `table`, where nothing is wrong with it.
+pub(super) fn target(table: &str, raw: &RawTarget, check: &mut Validation<'_>) -> Option<Target> {
     let before = check.count_problems();
     let (grid, board, tags) = (&raw.dot_grid, &raw.chessboard, &raw.tags);
+    let at = |key: &str| format!("{table}.{key}");
     for (key, length_m) in [
-        ("target.side_m", Some(raw.side_m)),
-        ("target.radius_m", Some(raw.radius_m)),
-        ("target.radius_p1_m", Some(raw.radius_p1_m)),
-        ("target.radius_p2_m", raw.radius_p2_m),
-        ("target.margin_m", Some(raw.margin_m)),
-        ("target.dot_grid.pitch_m", Some(grid.pitch_m)),
-        ("target.dot_grid.radius_m", grid.radius_m),
-        ("target.dot_grid.large_radius_m", grid.large_radius_m),
-        ("target.dot_grid.margin_m", grid.margin_m),
-        ("target.chessboard.square_m", Some(board.square_m)),
-        ("target.chessboard.margin_m", board.margin_m),
-        ("target.tags.size_m", Some(tags.size_m)),
-        ("target.tags.pitch_m", Some(tags.pitch_m)),
-        ("target.tags.margin_m", tags.margin_m),
-        ("target.shape.margin_m", Some(raw.shape.margin_m)),
-        ("target.points.size_m", Some(raw.points.size_m)),
-        ("target.points.margin_m", raw.points.margin_m),
+        ("side_m", Some(raw.side_m)),
+        ("radius_m", Some(raw.radius_m)),
+        ("radius_p1_m", Some(raw.radius_p1_m)),
+        ("radius_p2_m", raw.radius_p2_m),
+        ("margin_m", Some(raw.margin_m)),
+        ("dot_grid.pitch_m", Some(grid.pitch_m)),
+        ("dot_grid.radius_m", grid.radius_m),
+        ("dot_grid.large_radius_m", grid.large_radius_m),
+        ("dot_grid.margin_m", grid.margin_m),
+        ("chessboard.square_m", Some(board.square_m)),
+        ("chessboard.margin_m", board.margin_m),
+        ("tags.size_m", Some(tags.size_m)),
+        ("tags.pitch_m", Some(tags.pitch_m)),
+        ("tags.margin_m", tags.margin_m),
+        ("shape.margin_m", Some(raw.shape.margin_m)),
+        ("points.size_m", Some(raw.points.size_m)),
+        ("points.margin_m", raw.points.margin_m),
     ] {
         if let Some(length_m) = length_m {
-            check.range(key, length_m, LENGTH_M);
+            check.range(&at(key), length_m, LENGTH_M);
         }
     }
-    check.count("target.dot_grid.columns", grid.columns, DotGrid::COUNT);
-    check.count("target.dot_grid.rows", grid.rows, DotGrid::COUNT);
-    check.count("target.chessboard.columns", board.columns, Chessboard::COUNT);
-    check.count("target.chessboard.rows", board.rows, Chessboard::COUNT);
-    check.count("target.tags.columns", tags.columns, TAGS);
-    check.count("target.tags.rows", tags.rows, TAGS);
-    check.count("target.tags.first_id", tags.first_id, TAG_ID);
+    check.count(&at("dot_grid.columns"), grid.columns, DotGrid::COUNT);
+    check.count(&at("dot_grid.rows"), grid.rows, DotGrid::COUNT);
+    check.count(&at("chessboard.columns"), board.columns, Chessboard::COUNT);
+    check.count(&at("chessboard.rows"), board.rows, Chessboard::COUNT);
+    check.count(&at("tags.columns"), tags.columns, TAGS);
+    check.count(&at("tags.rows"), tags.rows, TAGS);
+    check.count(&at("tags.first_id"), tags.first_id, TAG_ID);
     for (i, place) in tags.places.iter().enumerate() {
-        let at = format!("target.tags.places[{i}]");
+        let at = format!("{table}.tags.places[{i}]");
         check.count(&format!("{at}.id"), place.id, TAG_ID);
         for (k, m) in place.position_m.iter().enumerate() {
             check.range(&format!("{at}.position_m[{k}]"), *m, -100.0..=100.0);
@@ -222,28 +223,27 @@ pub(super) fn target(raw: &RawTarget, check: &mut Validation<'_>) -> Option<Targ
     }
     let axes = raw.shape.semi_axes_m.iter().flatten().enumerate();
     for (k, m) in axes {
-        check.range(&format!("target.shape.semi_axes_m[{k}]"), *m, LENGTH_M);
+        check.range(&format!("{table}.shape.semi_axes_m[{k}]"), *m, LENGTH_M);
     }
     for (i, corner) in raw.shape.outline_m.iter().enumerate() {
         for (k, m) in corner.iter().enumerate() {
-            check.range(&format!("target.shape.outline_m[{i}][{k}]"), *m, -100.0..=100.0);
+            check.range(&format!("{table}.shape.outline_m[{i}][{k}]"), *m, -100.0..=100.0);
         }
     }
     for (i, face) in raw.points.tags.iter().enumerate() {
-        let at = format!("target.points.tags[{i}]");
+        let at = format!("{table}.points.tags[{i}]");
         check.count(&format!("{at}.id"), face.id, TAG_ID);
         check.pose(&at, face.position_m, face.rotation_rpy_rad);
     }
-    for (key, family) in [("target.tags.family", &tags.family), ("target.points.family", &raw.points.family)]
-    {
+    for (key, family) in [("tags.family", &tags.family), ("points.family", &raw.points.family)] {
         if let Err(e) = family.parse::<TagFamily>() {
-            check.wrong(key, e.to_string());
+            check.wrong(&at(key), e.to_string());
         }
     }
     if check.count_problems() > before {
         return None;
     }
-    made("target", raw, check)
+    made(table, raw, check)
 }
 
 /// The target with these lengths, which are within their ranges; a target that cannot be built is reported at `key`.

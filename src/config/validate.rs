@@ -20,6 +20,7 @@ use super::selection::doubtful_features;
 use super::servo::{doubtful_dimension, doubtful_held_gain, servo};
 use super::stereo::stereo;
 use super::target::target;
+use super::targets::further_targets;
 use super::{Camera, Config, Document, GoalTolerance, Problem, Realtime, RealtimeRequest, Safety, Start};
 use crate::control::safety::ContactReaction;
 use crate::drive::CommandMode;
@@ -61,7 +62,7 @@ pub(super) fn validate(
     };
     let (mut camera, mut further_cameras) = camera::cameras(&mut raw, document, check)
         .map_or((None, Vec::new()), |(first, rest)| (Some(first), rest));
-    let target = target(&raw.target, check);
+    let target = target("target", &raw.target, check);
     let object = &raw.scene.object;
     let carrier = match raw.camera.mount.kind {
         MountKind::EyeInHand => Carrier::Base,
@@ -111,6 +112,8 @@ pub(super) fn validate(
     let X_DO = check.pose("servo.desired", desired.position_m, desired.rotation_rpy_rad);
     let stereo = stereo(&raw, (camera.as_ref(), &further_cameras), (target.as_ref(), &X_DO), check);
     let servo = target.as_ref().and_then(|target| servo(&raw, (target, camera.as_ref()), &X_DO, check));
+    let first_law = servo.as_ref().map(|(servo, _)| &servo.law);
+    let further_targets = further_targets(&raw, (&X_DO, first_law), check);
     let safety = Safety {
         measurement_timeout: check.span_ms(
             "safety.measurement_timeout_ms",
@@ -194,7 +197,8 @@ pub(super) fn validate(
     if let (Some(robot), Some(workspace), true) = (&robot, &workspace, arm_is_good && views) {
         workspace::start(&raw, robot, workspace, check);
     }
-    let scene = truth::scene(&raw, (camera.as_ref(), target.as_ref(), robot.as_ref()), scene_motion, check);
+    let believed = (camera.as_ref(), target.as_ref(), robot.as_ref());
+    let scene = truth::scene(&raw, believed, further_targets.as_deref(), scene_motion, check);
     if let (Some(target), Some(camera), false) = (&target, &camera, check.misses_a_pose()) {
         // A learnt Jacobian goes by a taught view alone.
         let taught = is_asked_for(&raw);
@@ -224,6 +228,8 @@ pub(super) fn validate(
         ..servo
     };
     if let Some(guard) = &mut servo.visibility {
+        let marks = further_targets.iter().flatten().flat_map(|further| further.target.discs());
+        guard.mark_radius_m = marks.map(|disc| disc.radius_m).fold(guard.mark_radius_m, f64::max);
         guard.acceleration.iter_mut().zip(&motion.max_acceleration).for_each(|(own, limit)| *own = *limit);
     }
     Some(Config {
@@ -244,6 +250,7 @@ pub(super) fn validate(
         further_cameras,
         stereo,
         target: target?,
+        further_targets: further_targets?,
         scene,
         vision,
         servo,

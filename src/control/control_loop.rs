@@ -93,7 +93,8 @@ impl<const N: usize> ControlLoop<N> {
             self.fail(Fault::Drive(fault));
         }
         self.hear_robot(now, robot);
-        self.joint_state = joint_state(tick, self.ticks, now, &self.sensed, &self.command);
+        let wanted = self.controller.servo().set_point().target();
+        self.joint_state = joint_state(tick, self.ticks, now, &self.sensed, &self.command, wanted);
         self.joint_state
     }
 

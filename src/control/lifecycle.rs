@@ -165,6 +165,8 @@ pub enum Refusal {
     RobotOff = 22,
     /// The robot has a fault of its own.
     RobotFault = 23,
+    /// There is no such target.
+    UnknownTarget = 24,
 }
 
 impl Request {
@@ -208,7 +210,7 @@ impl Request {
 
 impl Refusal {
     /// All reasons.
-    pub const ALL: [Self; 23] = [
+    pub const ALL: [Self; 24] = [
         Self::InFault,
         Self::NoFault,
         Self::StillMoving,
@@ -232,6 +234,7 @@ impl Refusal {
         Self::RobotEmergencyStop,
         Self::RobotOff,
         Self::RobotFault,
+        Self::UnknownTarget,
     ];
 
     /// The reason and the remedy, for people.
@@ -281,6 +284,9 @@ impl Refusal {
             }
             Self::RobotOff => {
                 "the robot has no power or its brakes are closed, and it is not powered from here: do that at the robot, then `reset` again"
+            }
+            Self::UnknownTarget => {
+                "the run has no such target: `[target]` of its run file is number 0, and `[targets.NAME]` follow in the order of their names"
             }
             Self::RobotFault => {
                 "the robot has a fault of its own, which is not cleared from here: see to it at the robot, then `reset` again"

@@ -24,6 +24,7 @@ pub(super) fn joint_state<const N: usize>(
     now: MonoNs,
     state: &DriveState<N>,
     command: &DriveCommand<N>,
+    target_number: u32,
 ) -> JointState {
     let (q_true, qd_true) = state.truth.unwrap_or((SVector::zeros(), SVector::zeros()));
     JointState {
@@ -33,7 +34,7 @@ pub(super) fn joint_state<const N: usize>(
         joints: N as u32,
         flags: if state.truth.is_some() { joint_flag::TRUTH } else { 0 },
         arm: 0,
-        reserved: 0,
+        target_number,
         q: padded(&state.q),
         qd: padded(&state.qd),
         tau: padded(&command.tau),

@@ -4,7 +4,9 @@
 //! `goal` (D).
 
 use super::cdr::CdrOutput;
-use super::derived_message::{AnnotationColour, BASE, DerivedMessage, FLANGE, TARGET, camera_frame};
+use super::derived_message::{
+    AnnotationColour, BASE, DerivedMessage, FLANGE, TARGET, camera_frame, target_frame,
+};
 use super::scene::scene;
 use crate::camera_model::CameraModel;
 use crate::config::Config;
@@ -45,14 +47,22 @@ pub struct DerivedMessages {
     goal_px: Option<BTreeMap<u32, Vector2<f64>>>,
     before: Option<(u32, u32)>,
     target: TargetStatus,
+    /// Number of the target that the goal is of.
+    target_number: u32,
 }
 
 impl DerivedMessages {
     /// Of a run with this run file.
     #[must_use]
     pub fn new(config: Config) -> Self {
-        let mut derived =
-            Self { config, next: MonoNs(i64::MIN), goal_px: None, before: None, target: TargetStatus::Found };
+        let mut derived = Self {
+            config,
+            next: MonoNs(i64::MIN),
+            goal_px: None,
+            before: None,
+            target: TargetStatus::Found,
+            target_number: 0,
+        };
         if !derived.config.goal.is_taught && derived.config.stereo.is_none() {
             let set_point = &derived.config.set_point;
             let features = set_point.features().iter().map(|s| (*s).into());
@@ -156,7 +166,9 @@ impl DerivedMessages {
         let mut messages = vec![self.annotations(m)];
         if let Some(X_CO) = m.pose() {
             let camera = camera_frame(self.config.camera.id);
-            messages.push(transform_message("/tf", m.exposure, vec![(&camera, TARGET.to_owned(), X_CO)]));
+            let seen = self.config.targets().nth(m.target_number as usize);
+            let target = seen.map_or(TARGET.to_owned(), |(name, _)| target_frame(name));
+            messages.push(transform_message("/tf", m.exposure, vec![(&camera, target, X_CO)]));
         }
         let status = m.target_status();
         if std::mem::replace(&mut self.target, status) != status {
@@ -250,6 +262,11 @@ impl DerivedMessages {
 
     fn goal_of(&mut self, request: &RequestMsg) {
         let values = request.values;
+        self.target_number = request.target.checked_sub(1).unwrap_or(self.target_number);
+        if request.form == 0 {
+            // The last one of its target, which no record says again.
+            self.goal_px = None;
+        }
         if request.form == CommandForm::Features as u32 {
             let (points, _) = values.as_chunks::<2>();
             let count = request.count as usize / 2;
@@ -258,7 +275,8 @@ impl DerivedMessages {
             let [x, y, z, i, j, k, w, ..] = values;
             let rotation = UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k));
             let X_DO = Pose::from_parts([x, y, z].into(), rotation);
-            let points = self.config.target.points();
+            let target = self.config.targets().nth(self.target_number as usize);
+            let points = target.map_or(&[][..], |(_, target)| target.points());
             let px = points.iter().filter_map(|p| Some((p.id, self.camera().project(&(X_DO * p.p_O))?)));
             self.goal_px = Some(px.collect());
         }

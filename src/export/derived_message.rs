@@ -1,6 +1,7 @@
 //! What messages for viewers have in common: their form, and the names of frames.
 
 use super::definitions::{definition, full_name};
+use crate::config::FIRST_TARGET;
 use crate::messages::CameraId;
 use crate::time::MonoNs;
 
@@ -10,6 +11,12 @@ pub(super) const BASE: &str = "base";
 pub(super) const FLANGE: &str = "flange";
 /// That of the target.
 pub(super) const TARGET: &str = "target";
+
+/// That of the target with this name in the run file.
+pub(super) fn target_frame(name: &str) -> String {
+    if name == FIRST_TARGET { TARGET.to_owned() } else { format!("{TARGET}_{name}") }
+}
+
 /// Red, green, blue and opacity, 0 to 1.
 pub(super) type AnnotationColour = [f64; 4];
 

@@ -2,7 +2,9 @@
 //! its frame and one message is enough for a run.
 
 use super::cdr::CdrOutput;
-use super::derived_message::{AnnotationColour, BASE, DerivedMessage, FLANGE, TARGET, camera_frame};
+use super::derived_message::{
+    AnnotationColour, BASE, DerivedMessage, FLANGE, TARGET, camera_frame, target_frame,
+};
 use crate::config::Config;
 use crate::geometry::Pose;
 use crate::time::MonoNs;
@@ -52,18 +54,17 @@ pub(super) fn scene(config: &Config, stamp: MonoNs, [seen, wanted]: [AnnotationC
     let points: Vec<Point3<f64>> = config.target.points().iter().map(|point| point.p_O).collect();
     let apart = |a: &Point3<f64>| points.iter().map(|b| (b - a).norm()).fold(0.0, f64::max);
     let size_m = POINT_SHARE * points.first().map_or(0.0, apart);
-    let mut marks = vec![(TARGET, seen)];
-    if config.set_point.X_DO().is_some() && !config.goal.is_taught {
-        marks.push(("goal", wanted));
+    let mut marks = vec![(TARGET.to_owned(), seen, points.clone())];
+    for further in &config.further_targets {
+        let points = further.target.points().iter().map(|point| point.p_O).collect();
+        marks.push((target_frame(&further.name), seen, points));
     }
-    for (frame, colour) in marks {
+    if config.set_point.X_DO().is_some() && !config.goal.is_taught {
+        marks.push(("goal".to_owned(), wanted, points));
+    }
+    for (frame, colour, points) in marks {
         let points = points.iter().map(|point| (*point, size_m, colour)).collect();
-        entities.push(SceneEntity {
-            frame: frame.into(),
-            id: frame.into(),
-            points,
-            ..SceneEntity::default()
-        });
+        entities.push(SceneEntity { id: frame.clone(), frame, points, ..SceneEntity::default() });
     }
     let mut out = CdrOutput::new();
     out.length(0); // nothing is deleted

@@ -9,7 +9,7 @@ use iceoryx2::prelude::ZeroCopySend;
 pub const COMMAND_VALUES: usize = 2 * MAX_FEATURES;
 
 record! {
-    "vservo.ControlCommand.v2",
+    "vservo.ControlCommand.v3",
     /// A request to control.
     #[derive(Debug, Clone, Copy, PartialEq)]
     pub struct ControlCommand {
@@ -23,8 +23,8 @@ record! {
         pub form: u32,
         /// Entries of `values` in use.
         pub count: u32,
-        /// For later; zero.
-        pub reserved: u32,
+        /// Of `goal`, the target that it is of: 0: that of the present goal, else 1 more than its number; 0 with all other requests.
+        pub target: u32,
         /// With the form [`CommandForm::Features`], which point each two values belong to.
         pub ids: [u32; MAX_FEATURES],
         /// The numbers.
@@ -40,7 +40,7 @@ impl Default for ControlCommand {
             camera: 0,
             form: 0,
             count: 0,
-            reserved: 0,
+            target: 0,
             ids: [0; MAX_FEATURES],
             values: [0.0; COMMAND_VALUES],
         }
@@ -109,7 +109,7 @@ impl ControlCommand {
 }
 
 record! {
-    "vservo.ControlAnswer.v6",
+    "vservo.ControlAnswer.v7",
     /// The answer to a request, with the state of the run.
     #[derive(Debug, Clone, Copy, PartialEq)]
     pub struct ControlAnswer {
@@ -141,6 +141,10 @@ record! {
         pub robot_state: u32,
         /// The maker's own code for that; 0 where there is none.
         pub robot_code: u32,
+        /// Number of the target of the goal, as in [`super::JointState::target_number`].
+        pub target_number: u32,
+        /// Zero.
+        pub reserved: u32,
         /// Number of the control tick.
         pub tick: u64,
         /// Time since the first tick, s.
@@ -185,6 +189,8 @@ impl Default for ControlAnswer {
             vision_restarts: 0,
             robot_state: 0,
             robot_code: 0,
+            target_number: 0,
+            reserved: 0,
             tick: 0,
             time_s: 0.0,
             feature_error_px: f64::NAN,
@@ -218,12 +224,12 @@ mod tests {
     #[allow(unsafe_code)]
     fn layouts_are_fixed_and_named() {
         assert_eq!((size_of::<ControlCommand>(), align_of::<ControlCommand>()), (1304, 8));
-        assert_eq!((size_of::<ControlAnswer>(), align_of::<ControlAnswer>()), (1512, 8));
+        assert_eq!((size_of::<ControlAnswer>(), align_of::<ControlAnswer>()), (1520, 8));
         assert_eq!((offset_of!(ControlCommand, ids), offset_of!(ControlCommand, values)), (24, 280));
-        assert_eq!(offset_of!(ControlAnswer, tick), 56);
-        assert_eq!(offset_of!(ControlAnswer, q), 112);
+        assert_eq!(offset_of!(ControlAnswer, tick), 64);
+        assert_eq!(offset_of!(ControlAnswer, q), 120);
         // SAFETY: the names are only read.
         let names = unsafe { (ControlCommand::type_name(), ControlAnswer::type_name()) };
-        assert_eq!(names, ("vservo.ControlCommand.v2", "vservo.ControlAnswer.v6"));
+        assert_eq!(names, ("vservo.ControlCommand.v3", "vservo.ControlAnswer.v7"));
     }
 }

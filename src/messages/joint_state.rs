@@ -7,7 +7,7 @@ use crate::time::MonoNs;
 use iceoryx2::prelude::ZeroCopySend;
 
 record! {
-    "vservo.JointState.v2",
+    "vservo.JointState.v3",
     /// State of the joints at one tick.
     #[derive(Debug, Clone, Copy, Default, PartialEq)]
     pub struct JointState {
@@ -23,8 +23,8 @@ record! {
         pub flags: u32,
         /// Which arm.
         pub arm: u32,
-        /// Zero.
-        pub reserved: u32,
+        /// Number of the target that control wants measured: 0 is `[target]` of the run file, `[targets.NAME]` follow in the order of their names.
+        pub target_number: u32,
         /// Measured positions, rad or m.
         pub q: [f64; MAX_JOINTS],
         /// Measured velocities, rad/s or m/s.

@@ -111,7 +111,7 @@ record! {
 }
 
 record! {
-    "vservo.Measurement.v3",
+    "vservo.Measurement.v4",
     /// Features, pose and status that vision measured in one frame.
     #[derive(Debug, Clone, Copy, PartialEq)]
     pub struct Measurement {
@@ -139,6 +139,10 @@ record! {
         pub flags: u32,
         /// How many entries of `features` are valid; their ids rise.
         pub feature_count: u32,
+        /// Which target was looked for: its number in the run file, as in [`super::JointState::target_number`].
+        pub target_number: u32,
+        /// Zero.
+        pub reserved: u32,
         /// The features.
         pub features: [FeaturePoint; MAX_FEATURES],
         /// `X_CO` as position in m and quaternion `x y z w`.
@@ -167,6 +171,8 @@ impl Default for Measurement {
             status: TargetStatus::default() as u32,
             flags: 0,
             feature_count: 0,
+            target_number: 0,
+            reserved: 0,
             features: [FeaturePoint::default(); MAX_FEATURES],
             pose: [0.0; 7],
             pose_covariance: [0.0; 36],

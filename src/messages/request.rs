@@ -7,7 +7,7 @@ use crate::time::MonoNs;
 use iceoryx2::prelude::ZeroCopySend;
 
 record! {
-    "vservo.Request.v2",
+    "vservo.Request.v3",
     /// A request of a client and its answer.
     #[derive(Debug, Clone, Copy, PartialEq)]
     pub struct RequestMsg {
@@ -39,6 +39,10 @@ record! {
         pub state: u32,
         /// Number of the goal after it.
         pub goal: u32,
+        /// Of which target a goal is: as in [`ControlCommand::target`].
+        pub target: u32,
+        /// Zero.
+        pub reserved: u32,
         /// With the form [`super::CommandForm::Features`], which point each two values belong to.
         pub ids: [u32; MAX_FEATURES],
         /// The numbers.
@@ -50,7 +54,7 @@ impl RequestMsg {
     /// What was asked for; what became of it is to be added.
     #[must_use]
     pub fn of(command: &ControlCommand) -> Self {
-        let ControlCommand { request, arm, camera, form, count, reserved: _, ids, values } = *command;
+        let ControlCommand { request, arm, camera, form, count, target, ids, values } = *command;
         Self {
             sequence: 0,
             stamp: MonoNs::ZERO,
@@ -66,6 +70,8 @@ impl RequestMsg {
             refusal: 0,
             state: 0,
             goal: 0,
+            target,
+            reserved: 0,
             ids,
             values,
         }
@@ -86,9 +92,9 @@ mod tests {
     #[test]
     #[allow(unsafe_code)]
     fn the_layout_is_fixed_and_named() {
-        assert_eq!((size_of::<RequestMsg>(), align_of::<RequestMsg>()), (1360, 8));
-        assert_eq!((offset_of!(RequestMsg, ids), offset_of!(RequestMsg, values)), (80, 336));
+        assert_eq!((size_of::<RequestMsg>(), align_of::<RequestMsg>()), (1368, 8));
+        assert_eq!((offset_of!(RequestMsg, ids), offset_of!(RequestMsg, values)), (88, 344));
         // SAFETY: the name is only read.
-        assert_eq!(unsafe { RequestMsg::type_name() }, "vservo.Request.v2");
+        assert_eq!(unsafe { RequestMsg::type_name() }, "vservo.Request.v3");
     }
 }

@@ -99,7 +99,7 @@ pub mod status_flag {
 }
 
 record! {
-    "vservo.Status.v6",
+    "vservo.Status.v7",
     /// State of the run, in a flat record, so that plotting tools can show every field.
     #[derive(Debug, Clone, Copy, Default, PartialEq)]
     pub struct Status {
@@ -167,5 +167,9 @@ record! {
         pub camera_restarts: u32,
         /// How often it has started vision anew.
         pub vision_restarts: u32,
+        /// Number of the target of the goal, as in [`super::JointState::target_number`].
+        pub target_number: u32,
+        /// Zero.
+        pub reserved: u32,
     }
 }

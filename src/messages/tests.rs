@@ -10,15 +10,15 @@ fn layouts_are_fixed() {
     assert_eq!((size_of::<ImageHeader>(), align_of::<ImageHeader>()), (48, 8));
     assert_eq!((offset_of!(ImageHeader, format), offset_of!(ImageHeader, stride_bytes)), (24, 36));
     assert_eq!(size_of::<FeaturePoint>(), 48);
-    assert_eq!((size_of::<Measurement>(), align_of::<Measurement>()), (3512, 8));
+    assert_eq!((size_of::<Measurement>(), align_of::<Measurement>()), (3520, 8));
     assert_eq!(offset_of!(Measurement, camera), 64);
-    assert_eq!(offset_of!(Measurement, features), 80);
-    assert_eq!(offset_of!(Measurement, pose), 3152);
-    assert_eq!(offset_of!(Measurement, reprojection_rms_px), 3496);
+    assert_eq!(offset_of!(Measurement, features), 88);
+    assert_eq!(offset_of!(Measurement, pose), 3160);
+    assert_eq!(offset_of!(Measurement, reprojection_rms_px), 3504);
     assert_eq!((size_of::<JointState>(), align_of::<JointState>()), (432, 8));
     assert_eq!(offset_of!(JointState, q), 40);
     assert_eq!(offset_of!(JointState, q_true), 320);
-    assert_eq!((size_of::<Status>(), align_of::<Status>()), (248, 8));
+    assert_eq!((size_of::<Status>(), align_of::<Status>()), (256, 8));
     assert_eq!(offset_of!(Status, state), 208);
 }
 
@@ -30,9 +30,9 @@ fn type_names_carry_their_version() {
     for (name, wanted) in [
         (unsafe { FrameHeader::type_name() }, "vservo.FrameHeader.v2"),
         (unsafe { ImageHeader::type_name() }, "vservo.ImageHeader.v1"),
-        (unsafe { Measurement::type_name() }, "vservo.Measurement.v3"),
-        (unsafe { JointState::type_name() }, "vservo.JointState.v2"),
-        (unsafe { Status::type_name() }, "vservo.Status.v6"),
+        (unsafe { Measurement::type_name() }, "vservo.Measurement.v4"),
+        (unsafe { JointState::type_name() }, "vservo.JointState.v3"),
+        (unsafe { Status::type_name() }, "vservo.Status.v7"),
     ] {
         assert_eq!(name, wanted);
     }

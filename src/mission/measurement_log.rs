@@ -21,6 +21,9 @@ pub struct VerdictCounts {
     /// Refused: none of the set-point's features.
     #[serde(default)]
     pub refused_features: u64,
+    /// Refused: of another target than the goal, just after the target was changed.
+    #[serde(default)]
+    pub refused_target: u64,
     /// Refused: so much of the target was hidden that the law had no answer.
     #[serde(default)]
     pub refused_too_few: u64,
@@ -117,12 +120,18 @@ impl MeasurementLog {
             self.last_found = Some(*m);
             self.error_px = error_px;
         }
-        if m.found() {
+        // The description that it is held against is that of the first target.
+        if m.found() && m.target_number == 0 {
             self.model_error.note(m);
         }
         if let Some(verdict) = verdict {
             self.taken(verdict, events);
         }
+    }
+
+    /// What was seen before is of another target than the goal.
+    pub(super) fn forget_view(&mut self) {
+        (self.last_found, self.error_px) = (None, f64::NAN);
     }
 
     fn taken(&mut self, verdict: MeasurementVerdict, events: &mut Events) {
@@ -138,6 +147,7 @@ impl MeasurementLog {
             MeasurementVerdict::NoTask(NoTask::TooFew) => &mut counts.refused_too_few,
             MeasurementVerdict::NoTask(NoTask::Singular) => &mut counts.refused_singular,
             MeasurementVerdict::OtherFeatures => &mut counts.refused_features,
+            MeasurementVerdict::OtherTarget => &mut counts.refused_target,
             MeasurementVerdict::TooFewFeatures => &mut counts.refused_too_few,
             MeasurementVerdict::ImpossiblePose => &mut counts.refused_pose,
             MeasurementVerdict::Inconsistent => &mut counts.refused_inconsistent,

@@ -49,7 +49,7 @@ use crate::control::trace::{Event, Trace};
 use crate::drive::DriveState;
 use crate::messages::{ControlState, JointState, Measurement, frame_flag, joint_flag};
 use crate::motion::{ActingLimits, SpaceLimit, Workspace};
-use crate::servo::{MeasurementVerdict, View};
+use crate::servo::{MeasurementVerdict, SetPoint, View};
 use crate::time::{MonoNs, TICK};
 use goal_path::TrackingSums;
 use goal_watch::GoalWatch;
@@ -87,6 +87,8 @@ pub struct Mission<const N: usize> {
     plan: RunPlan,
     task: RunTask<N>,
     goal: Goal,
+    /// The last goal of each target, by the targets' numbers.
+    goals: Vec<SetPoint>,
     truth: Option<Truth<N>>,
     measurements: MeasurementLog,
     teacher: Option<GoalTeacher>,
@@ -137,6 +139,7 @@ impl<const N: usize> Mission<N> {
         Self {
             plan,
             task,
+            goals: vec![goal.set_point.clone()],
             goal,
             truth,
             measurements: MeasurementLog::new(),
@@ -386,7 +389,7 @@ impl<const N: usize> Mission<N> {
             held_off.or_else(|| self.task.when_late(in_view)).or_else(|| stays().filter(|_| servoing));
         let (closed_loop, state) = (self.plan.closed_loop, self.state);
         time_is_up.then(|| {
-            run_end::time_is_up(closed_loop, state, when_late, (&self.measurements, self.plan.points))
+            run_end::time_is_up(closed_loop, state, when_late, (&self.measurements, self.point_kind()))
         })
     }
 

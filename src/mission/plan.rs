@@ -47,8 +47,8 @@ pub struct RunPlan {
     pub path: Option<GoalPath>,
     /// The law, by which an error that stays is judged.
     pub law: Law,
-    /// What the points of the target are, for words.
-    pub points: PointKind,
+    /// What the points of each target are, for words, by the targets' numbers.
+    pub points: Vec<PointKind>,
     /// What a status tells as [`Status::stability`](crate::messages::Status::stability).
     pub stability: f64,
 }

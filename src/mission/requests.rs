@@ -14,6 +14,7 @@ use crate::geometry::{Pose, rotation_angle};
 use crate::messages::{CommandForm, ControlCommand};
 use crate::motion::Workspace;
 use crate::servo::{PostureSearch, SetPoint};
+use crate::target::PointKind;
 use crate::time::SpanNs;
 use nalgebra::{Point3, Quaternion, SVector, Translation3, UnitQuaternion, Vector2, Vector3};
 use std::ops::RangeInclusive;
@@ -67,6 +68,13 @@ impl<const N: usize> Mission<N> {
         Self { space, ..self }
     }
 
+    /// The same with further targets beside the first one, each with its goal until it is given another.
+    #[must_use]
+    pub fn with_further_goals(mut self, further: impl IntoIterator<Item = SetPoint>) -> Self {
+        self.goals.extend(further);
+        self
+    }
+
     /// Checks the request `number` of a client and plans it: the order that control is to obey with it.
     ///
     /// # Errors
@@ -78,12 +86,15 @@ impl<const N: usize> Mission<N> {
         command: &ControlCommand,
     ) -> Result<Option<ControlOrder<N>>, Refusal> {
         let form = CommandForm::from_code(command.form);
+        if command.target != 0 && request != Request::Goal {
+            return Err(Refusal::WrongNumbers);
+        }
         let (change, order) = match (request, form) {
             (Request::Start, None) => (Some(MissionChange::Start), None),
             (Request::Hold | Request::Teach | Request::Reset | Request::Stop | Request::Shutdown, None) => {
                 (None, None)
             }
-            (Request::Goal, Some(form)) => {
+            (Request::Goal, form) if form.is_some() || command.target != 0 => {
                 let goal = self.goal_of(form, command)?;
                 (Some(MissionChange::Goal(goal.clone())), Some(ControlOrder::Goal(goal)))
             }
@@ -116,6 +127,12 @@ impl<const N: usize> Mission<N> {
     /// The goal is another one from now on, and rests.
     pub(super) fn set_goal(&mut self, set_point: SetPoint) {
         self.plan.path = None;
+        if set_point.target() != self.goal.set_point.target() {
+            self.measurements.forget_view();
+        }
+        if let Some(place) = self.goals.get_mut(set_point.target() as usize) {
+            place.clone_from(&set_point);
+        }
         (self.goal.set_point, self.goal.id) = (set_point, self.goal.id.saturating_add(1));
         self.goal_watch = GoalWatch::default();
         self.residual.begin_anew();
@@ -127,8 +144,17 @@ impl<const N: usize> Mission<N> {
         self.goal_watch.at_goal_s(self.last)
     }
 
-    fn goal_of(&self, form: CommandForm, command: &ControlCommand) -> Result<SetPoint, Refusal> {
-        let before = &self.goal.set_point;
+    /// What the points of the goal's target are.
+    pub(super) fn point_kind(&self) -> PointKind {
+        let number = self.goal.set_point.target() as usize;
+        self.plan.points.get(number).copied().unwrap_or(PointKind::Dots)
+    }
+
+    /// The goal that a request gives; without numbers it is the last one of the target that it names.
+    fn goal_of(&self, form: Option<CommandForm>, command: &ControlCommand) -> Result<SetPoint, Refusal> {
+        let target = command.target.checked_sub(1).unwrap_or(self.goal.set_point.target());
+        let before = self.goals.get(target as usize).ok_or(Refusal::UnknownTarget)?;
+        let Some(form) = form else { return Ok(before.clone()) };
         let numbers = numbers(command)?;
         let goal = match form {
             CommandForm::Features => {
@@ -153,7 +179,10 @@ impl<const N: usize> Mission<N> {
             }
             _ => return Err(Refusal::WrongNumbers),
         };
-        let goal = goal.with_ids(before.ids()).and_then(|goal| goal.with_selection(*before.selection()));
+        let goal = goal
+            .with_target(target)
+            .with_ids(before.ids())
+            .and_then(|goal| goal.with_selection(*before.selection()));
         goal.filter(|goal| self.is_in_view(goal)).ok_or(Refusal::OutOfView)
     }
 

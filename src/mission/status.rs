@@ -7,10 +7,11 @@ use crate::messages::{Status, status_flag};
 use crate::time::SpanNs;
 
 impl<const N: usize> Mission<N> {
-    /// The object in the camera in simulated truth, m.
+    /// The target of the goal in the camera in simulated truth, m.
     fn true_view(&self) -> Option<Pose> {
         let q = self.q_true()?;
-        Some(self.truth.as_ref()?.X_CO(&q, self.last - self.first.unwrap_or(self.last)))
+        let since = self.last - self.first.unwrap_or(self.last);
+        self.truth.as_ref()?.X_CT(self.goal.set_point.target(), &q, since)
     }
 
     /// Position and orientation of the camera relative to the desired one, from truth or else from the last pose.
@@ -96,6 +97,8 @@ impl<const N: usize> Mission<N> {
             goal: self.goal.id,
             camera_restarts: 0, // these too
             vision_restarts: 0,
+            target_number: self.goal.set_point.target(),
+            reserved: 0,
         }
     }
 }

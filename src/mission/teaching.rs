@@ -41,7 +41,8 @@ impl GoalTeacher {
         let taught = SetPoint::from_features(s_d.get(..view.features().len())?, before.points(), z_d_m)?;
         // The pose of points that are not coplanar is found by iteration from a near one.
         let posed = view.X_CO().filter(|_| taught.X_DO().is_none()).and_then(|X_CO| taught.posed_near(X_CO));
-        posed.unwrap_or(taught).with_ids(before.ids())?.with_selection(*before.selection())
+        let taught = posed.unwrap_or(taught).with_target(before.target());
+        taught.with_ids(before.ids())?.with_selection(*before.selection())
     }
 }
 

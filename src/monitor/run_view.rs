@@ -37,6 +37,8 @@ pub struct CellFacts {
     pub joints: Vec<JointSummary>,
     /// Columns and rows of the image.
     pub image_px: [f64; 2],
+    /// Names of the targets, by their numbers.
+    pub targets: Vec<String>,
     /// Feature error below which the goal is reached, px.
     pub goal_error_px: f64,
     /// For how long it must be held, s.
@@ -342,6 +344,7 @@ mod tests {
     #[test]
     fn it_says_what_a_run_waits_for() {
         let facts = CellFacts {
+            targets: vec!["target".into()],
             goal_error_px: 0.05,
             hold_s: 0.5,
             rate_hz: 25.0,

@@ -12,7 +12,7 @@ use crate::messages::{FrameHeader, JointState, Measurement, TargetStatus, measur
 use crate::rt::now;
 use crate::scene::FrameSchedule;
 use crate::time::{MonoNs, SpanNs, TICK};
-use crate::vision::{Carrier, Frame, Prior, Vision};
+use crate::vision::{Carrier, Frame, Prior, TargetChoice, TargetSet};
 use tracing::{debug_span, info, warn};
 
 /// Longest wait in lockstep for the joint state that the camera already has. Chosen by hand: it was sent to both within microseconds, so that
@@ -39,10 +39,12 @@ pub fn run(
     let mut worker = VisionWorker {
         arm: JointStateInput {
             carrier: assemble::carrier(config)?,
+            choice: TargetChoice::default(),
             states,
             schedule: lockstep_schedule(config),
         },
-        vision: assemble::vision(config),
+        vision: assemble::target_set(config),
+        names: config.targets().map(|(name, _)| name.to_owned()).collect(),
         counter: FrameCounter::default(),
         status: None,
         model_error: false,
@@ -75,6 +77,7 @@ fn lockstep_schedule(config: &Config) -> Option<FrameSchedule> {
 /// The arm, by its joint states.
 struct JointStateInput {
     carrier: Box<dyn Carrier>,
+    choice: TargetChoice,
     states: Receiver<JointState>,
     schedule: Option<FrameSchedule>,
 }
@@ -89,6 +92,7 @@ impl JointStateInput {
         loop {
             while let Some(state) = self.states.receive()? {
                 self.carrier.note(&state);
+                self.choice.note(&state);
             }
             let missing =
                 exposed.is_some_and(|exposed| self.carrier.newest().is_none_or(|newest| newest < exposed));
@@ -105,7 +109,9 @@ impl JointStateInput {
 
 struct VisionWorker {
     arm: JointStateInput,
-    vision: Vision,
+    vision: TargetSet,
+    /// Names of the targets, by their numbers.
+    names: Vec<String>,
     counter: FrameCounter,
     status: Option<TargetStatus>,
     /// Whether a model error was told.
@@ -122,8 +128,8 @@ impl VisionWorker {
         let prior = Prior { X_WC, ..Prior::default() };
         let view = ImageView::new(frame.pixels(), header.width_px as usize, header.height_px as usize);
         let mut measurement = match view {
-            Ok(image) => self.vision.process(&Frame { header, image }, &prior),
-            Err(_) => unusable(&header),
+            Ok(image) => self.process(self.arm.choice.at(arm_stamp), &Frame { header, image }, &prior),
+            Err(_) => Measurement { target_number: self.vision.wanted(), ..unusable(&header) },
         };
         measurement.arm_stamp = arm_stamp;
         measurement.vision_start = vision_start;
@@ -132,6 +138,20 @@ impl VisionWorker {
         measurement.frames_dropped = self.counter.dropped;
         self.report(&measurement);
         Ok(measurement)
+    }
+
+    /// Measures the target `wanted`, and tells when it is another one than before.
+    fn process(&mut self, wanted: u32, frame: &Frame<'_>, prior: &Prior) -> Measurement {
+        let before = self.vision.wanted();
+        let measurement = self.vision.process(wanted, frame, prior);
+        let number = measurement.target_number;
+        if number != before {
+            let name = self.names.get(number as usize).map_or("?", String::as_str);
+            info!(frame = frame.header.frame_id, target = name, "looks for the target `{name}`");
+            // What was told of the other one is no news of this one.
+            self.status = None;
+        }
+        measurement
     }
 
     /// One line whenever the target is found or lost, or the reason changes.

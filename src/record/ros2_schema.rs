@@ -57,7 +57,7 @@ mod tests {
     #[test]
     fn a_definition_names_every_field_in_its_order() {
         let text = ros2_schema(ControlCommand::LAYOUT);
-        let begin = "# vservo.ControlCommand.v2: A request to control.\n\
+        let begin = "# vservo.ControlCommand.v3: A request to control.\n\
              # Code of a control::lifecycle::Request; 0 asks for the answer alone, and every other code is refused.\n\
              uint32 request\n\
              # Which arm: 0; a request for any other is refused.\n\

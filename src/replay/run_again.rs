@@ -325,10 +325,10 @@ impl<const N: usize> ControlAgain<N> {
 
 /// What a client asked for.
 fn command(asked: &RequestMsg) -> ControlCommand {
-    let RequestMsg { request, arm, camera, form, count, ids, values, .. } = *asked;
+    let RequestMsg { request, arm, camera, form, count, target, ids, values, .. } = *asked;
     let ids: [u32; MAX_FEATURES] = ids;
     let values: [f64; COMMAND_VALUES] = values;
-    ControlCommand { request, arm, camera, form, count, reserved: 0, ids, values }
+    ControlCommand { request, arm, camera, form, count, target, ids, values }
 }
 
 /// Largest deviations of what is commanded.

@@ -6,7 +6,7 @@ use crate::config::{Clock, Config, assemble};
 use crate::imaging::ImageView;
 use crate::messages::{FrameHeader, JointState, Measurement};
 use crate::record::RecordingReader;
-use crate::vision::{Carrier, Frame, Prior, Vision};
+use crate::vision::{Carrier, Frame, Prior, TargetChoice, TargetSet};
 use std::collections::VecDeque;
 use std::io::Read;
 
@@ -26,8 +26,9 @@ pub struct MeasuredAgain {
 }
 
 struct VisionAgain {
-    vision: Vision,
+    vision: TargetSet,
     carrier: Box<dyn Carrier>,
+    choice: TargetChoice,
     states: VecDeque<JointState>,
     frames: VecDeque<(FrameHeader, Vec<u8>)>,
     received: u64,
@@ -85,8 +86,9 @@ pub fn measure_again<R: Read>(
 impl VisionAgain {
     fn new(config: &Config) -> Result<Self, ReplayError> {
         Ok(Self {
-            vision: assemble::vision(config),
+            vision: assemble::target_set(config),
             carrier: assemble::carrier(config)?,
+            choice: TargetChoice::default(),
             states: VecDeque::new(),
             frames: VecDeque::new(),
             received: 0,
@@ -121,12 +123,13 @@ impl VisionAgain {
         let Some((header, pixels)) = self.frames.pop_front() else { return false };
         if then.frames_received <= self.received {
             // Another vision process.
-            self.vision = assemble::vision(config);
+            self.vision = assemble::target_set(config);
         }
         self.received = then.frames_received;
         let until = then.arm_stamp;
         while let Some(state) = self.states.pop_front_if(|state| state.stamp <= until) {
             self.carrier.note(&state);
+            self.choice.note(&state);
         }
         let at = if config.clock == Clock::Lockstep { until.min(header.exposure) } else { header.exposure };
         let prior = Prior { X_WC: self.carrier.X_WC(at), ..Prior::default() };
@@ -143,7 +146,7 @@ impl VisionAgain {
             frames_received,
             frames_dropped,
             arm_stamp,
-            ..self.vision.process(&Frame { header, image }, &prior)
+            ..self.vision.process(self.choice.at(until), &Frame { header, image }, &prior)
         };
         result.frames += 1;
         result.difference = differs(topic, then.frame_id, then.exposure, then, &now);

@@ -1,6 +1,7 @@
-//! Images of a run for `--report`: the first frame, the last one, and those in which a target that had been found is lost. All
-//! memory is had before the first frame; keeping one is a copy.
+//! Images of a run for `--report`: the first frame, the last one, those in which a target that had been found is lost, and a filmstrip, small frames that
+//! are spread evenly over the run. All memory is had before the first frame; keeping one is a copy.
 
+use super::filmstrip::Filmstrip;
 use crate::messages::{FeaturePoint, FrameHeader, Measurement, TargetStatus};
 use std::fmt::Write;
 
@@ -19,6 +20,8 @@ pub enum Keepsake {
     Lost,
     /// The last frame of the run.
     Last,
+    /// One of those that are spread evenly over the run.
+    Strip,
 }
 
 impl Keepsake {
@@ -29,6 +32,7 @@ impl Keepsake {
             Self::First => "first",
             Self::Lost => "lost",
             Self::Last => "last",
+            Self::Strip => "strip",
         }
     }
 }
@@ -65,6 +69,7 @@ pub struct FrameArchive {
     first: KeptImage,
     last: KeptImage,
     lost: Vec<KeptImage>,
+    strip: Filmstrip,
     /// How many of `lost` are in use.
     kept: usize,
     /// Frames in which the target was lost.
@@ -92,6 +97,7 @@ impl FrameArchive {
         Self {
             first: empty(Keepsake::First),
             last: empty(Keepsake::Last),
+            strip: Filmstrip::new((width, height)),
             lost: (0..room).map(|_| empty(Keepsake::Lost)).collect(),
             kept: 0,
             losses: 0,
@@ -122,6 +128,7 @@ impl FrameArchive {
             return;
         }
         self.last.measurement = *m;
+        self.strip.note(self.frames, &self.last);
         if self.frames == 0 {
             copy(&self.last, &mut self.first);
         }
@@ -138,11 +145,11 @@ impl FrameArchive {
         }
     }
 
-    /// The images in the order of time.
+    /// The images: first, lost and last ones, then the filmstrip, each in the order of time.
     pub fn images(&self) -> impl Iterator<Item = &KeptImage> {
         let first = (self.frames > 0).then_some(&self.first);
         let last = (self.frames > 1).then_some(&self.last);
-        first.into_iter().chain(self.lost.iter().take(self.kept)).chain(last)
+        first.into_iter().chain(self.lost.iter().take(self.kept)).chain(last).chain(self.strip.images())
     }
 
     /// `frames.csv`: a row for each point that was found in each image, and one for an image without; what was counted stands in
@@ -193,7 +200,8 @@ mod tests {
         for (frame, found) in [(3, false), (4, true), (5, false), (6, false), (7, true), (8, true)] {
             see(&mut book, frame, found);
         }
-        let told: Vec<_> = book.images().map(|p| (p.file_name(), p.grey[0])).collect();
+        let whole = book.images().filter(|p| p.why != Keepsake::Strip);
+        let told: Vec<_> = whole.map(|p| (p.file_name(), p.grey[0])).collect();
         let wanted =
             [("frame-first-000003.png", 3), ("frame-lost-000005.png", 5), ("frame-last-000008.png", 8)];
         assert_eq!(told, wanted.map(|(name, level)| (name.to_owned(), level)));
@@ -208,7 +216,7 @@ mod tests {
     fn more_losses_than_there_is_room_for_are_counted() {
         let mut book = FrameArchive::new((4, 2));
         (0..100).for_each(|frame| see(&mut book, frame, frame % 2 == 0));
-        assert_eq!(book.images().count(), MAX_LOST + 2);
+        assert_eq!(book.images().filter(|p| p.why != Keepsake::Strip).count(), MAX_LOST + 2);
         assert!(book.to_csv().lines().nth(1).unwrap().ends_with(",100,50,50"));
     }
 

@@ -122,6 +122,14 @@ impl Renderer {
         self
     }
 
+    /// The same renderer, with further targets anywhere, each with its pose in the frame of the one that is looked for first. Where one is seen before
+    /// that one, it lies under it all the same.
+    #[must_use]
+    pub fn with_further_targets<'a>(mut self, further: impl IntoIterator<Item = (&'a Target, Pose)>) -> Self {
+        self.scenery.add_targets(further);
+        self
+    }
+
     /// From now on images show `occluders` in front of the target, each over those before it, or nothing.
     pub fn occlude(&mut self, occluders: impl IntoIterator<Item = Occluder>) {
         let mut occluders = occluders.into_iter();

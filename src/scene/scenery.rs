@@ -91,6 +91,12 @@ impl Scenery {
         self.bystanders = bystanders.iter().flat_map(of).collect();
     }
 
+    /// Adds further targets, each with its pose in the frame of the one that is looked for first.
+    pub(super) fn add_targets<'a>(&mut self, further: impl IntoIterator<Item = (&'a Target, Pose)>) {
+        let drawn = further.into_iter().flat_map(|(target, X_OT)| sheets(target, X_OT, &self.look));
+        self.bystanders.extend(drawn);
+    }
+
     pub(super) fn occlude(&mut self, occluders: impl Iterator<Item = Occluder>) {
         self.occluders.clear();
         for occluder in occluders {

@@ -17,6 +17,8 @@ pub enum MeasurementVerdict {
     NoTask(NoTask),
     /// None of its features is one of the set-point's, or one lies outside of what any lens can image.
     OtherFeatures,
+    /// It is of another target than the goal: vision looks for the one of the goal only with the next frame.
+    OtherTarget,
     /// So much of the target is hidden that the law has no output.
     TooFewFeatures,
     /// Its pose or the covariance of it is impossible for an object in front of a camera.

@@ -22,6 +22,7 @@ pub struct SetPoint {
     count: usize,
     selection: Selection,
     n_D: Vector3<f64>,
+    target: u32,
 }
 
 impl SetPoint {
@@ -70,6 +71,7 @@ impl SetPoint {
             count: points.len(),
             selection: Selection::all_points(points.len()),
             n_D: Vector3::z(),
+            target: 0,
         })
     }
 
@@ -85,6 +87,18 @@ impl SetPoint {
         let good = ids.len() == self.count && ids.is_sorted_by(|a, b| a < b);
         self.ids.get_mut(..self.count).filter(|_| good)?.copy_from_slice(ids);
         Some(self)
+    }
+
+    /// The same set-point of the target with this number, whose measurements alone are compared with it.
+    #[must_use]
+    pub fn with_target(self, target: u32) -> Self {
+        Self { target, ..self }
+    }
+
+    /// Number of the target that it is of: 0 is the first one of a run.
+    #[must_use]
+    pub fn target(&self) -> u32 {
+        self.target
     }
 
     /// Ids of the points, by which measurements are associated with them.

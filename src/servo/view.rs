@@ -40,12 +40,13 @@ pub(super) fn is_there(s: &Vector2<f64>) -> bool {
 }
 
 impl View {
-    /// The view of the set-point's features in a measurement. `None` when the target was not found, when none of its points is one of the
+    /// The view of the set-point's features in a measurement. `None` when it is of another target, when the target was not found, when none of its points is one of the
     /// set-point's, when a coordinate is outside of what a lens can image, or when the list is invalid: too long, or without rising ids.
     #[must_use]
     pub fn of(measurement: &Measurement, set_point: &SetPoint) -> Option<Self> {
         let list = measurement.features();
-        if !measurement.found()
+        if measurement.target_number != set_point.target()
+            || !measurement.found()
             || measurement.feature_count as usize > MAX_FEATURES
             || !list.is_sorted_by(|a, b| a.id < b.id)
         {

@@ -12,6 +12,7 @@ mod frozen_image;
 mod hidden_features;
 mod law_answer;
 mod pace;
+mod target_change;
 
 use super::first_motion::FirstMotion;
 use super::jacobian_learner::JacobianLearner;
@@ -144,8 +145,11 @@ impl<const N: usize> VisualServo<N> {
         &self.settings
     }
 
-    /// Changes the set-point to `goal`, which stays where it is; measurements that were already taken are used for it too.
+    /// Changes the set-point to `goal`, which stays where it is; measurements that were already taken are used for it too, unless it is of another target.
     pub fn set_goal(&mut self, goal: SetPoint) {
+        if goal.target() != self.goal.target() {
+            self.forget_target();
+        }
         (self.follows_path, self.path_began) = (false, None);
         if let Some(learner) = &mut self.learner {
             learner.begin_anew(goal.ids() != self.goal.ids());
@@ -210,6 +214,9 @@ impl<const N: usize> VisualServo<N> {
         robot: &Robot<N>,
     ) -> MeasurementVerdict {
         let exposure = measurement.exposure;
+        if measurement.target_number != self.goal.target() {
+            return MeasurementVerdict::OtherTarget;
+        }
         if measurement.target_status() == TargetStatus::Inconsistent {
             return MeasurementVerdict::Inconsistent;
         }

@@ -18,7 +18,7 @@ use crate::robot::{Robot, RobotError};
 use crate::scene::{Exposure, SyntheticCamera};
 use crate::time::MonoNs;
 use crate::time::TICK;
-use crate::vision::{Carrier, Frame, Prior, Side, StereoMeasurement, StereoVision, Vision};
+use crate::vision::{Carrier, Frame, Prior, Side, StereoMeasurement, StereoVision, TargetChoice, TargetSet};
 use std::ops::ControlFlow::{self, Break, Continue};
 use thiserror::Error;
 
@@ -120,6 +120,7 @@ pub fn simulate_system_with(
             control,
             eyes,
             carrier,
+            choice: TargetChoice::default(),
             camera,
             right,
             pixels,
@@ -142,14 +143,14 @@ pub fn simulate_system_with(
 /// The vision of one camera or of two.
 #[allow(clippy::large_enum_variant)] // one in a run
 enum Eyes {
-    One(Vision),
+    One(TargetSet),
     Two(StereoVision),
 }
 
 impl Eyes {
     fn of(config: &Config) -> Result<Self, AssembleError> {
         Ok(match &config.stereo {
-            None => Self::One(assemble::vision(config)),
+            None => Self::One(assemble::target_set(config)),
             Some(_) => Self::Two(assemble::stereo_vision(config)?),
         })
     }
@@ -198,6 +199,7 @@ struct System<'a, const N: usize> {
     control: LockstepRun<N>,
     eyes: Eyes,
     carrier: Box<dyn Carrier>,
+    choice: TargetChoice,
     camera: SyntheticCamera<N>,
     right: Option<RightCamera<N>>,
     pixels: Vec<u8>,
@@ -222,6 +224,7 @@ impl<const N: usize> ClosedLoop for System<'_, N> {
             right.camera.arm(&state);
         }
         self.carrier.note(&state);
+        self.choice.note(&state);
         Continue(())
     }
 
@@ -238,7 +241,8 @@ impl<const N: usize> ClosedLoop for System<'_, N> {
         match &mut self.eyes {
             Eyes::One(vision) => {
                 let X_WC = self.carrier.X_WC(exposure.mid.min(frame.header.exposure));
-                Continue(vision.process(&frame, &Prior { X_WC, ..Prior::default() }))
+                let wanted = self.choice.at(exposure.mid);
+                Continue(vision.process(wanted, &frame, &Prior { X_WC, ..Prior::default() }))
             }
             Eyes::Two(vision) => match look_twice(vision, &frame, self.right.as_mut(), &exposure) {
                 Ok(measurement) => Continue(measurement),

@@ -20,6 +20,7 @@
 //! | misfit | The reprojection error of the pose, compared with the chi-square distribution that noise alone would give. |
 //! | ambiguity | Two poses explain the same points almost equally well, as they do for a distant plane. |
 //! | occlusion | A part of the target is hidden in the frame. |
+//! | target number | Which target of the run file is looked for: 0 is `[target]`, `[targets.NAME]` follow in the order of their names ([`TargetSet`]). |
 //! | pair | Two frames of a left and a right camera with the same exposure stamp, within a tolerance ([`Pairing`]). |
 //!
 //! # Example
@@ -49,6 +50,8 @@ mod misfit;
 mod pose_approach;
 mod steady_misfit;
 mod stereo;
+mod target_choice;
+mod target_set;
 
 use crate::camera_model::{CameraModel, Response};
 use crate::detect::{Finder, PredictedPoint};
@@ -68,6 +71,8 @@ pub use stereo::{
     Match, ObjectPose, Pairing, PairingCounts, Side, SpacePoint, StereoMeasurement, StereoRig, StereoVision,
     TaughtPoint, TaughtView, TaughtViewError,
 };
+pub use target_choice::TargetChoice;
+pub use target_set::TargetSet;
 
 /// While a part of the target is hidden, the whole frame is searched in one of so many frames. Chosen by hand: at 25 Hz a point that
 /// reappears is found within 0.2 s, and the mean cost rises by a fifth of a search.
@@ -199,6 +204,14 @@ impl Vision {
             faults: None,
             estimator: PoseEstimator::new(camera, target, settings),
         }
+    }
+
+    /// What was seen so far says nothing about the next frame: another target was looked for meanwhile.
+    fn begin_anew(&mut self) {
+        self.misfit.interrupt();
+        self.spare.extend(self.last.take().map(|seen| seen.estimate));
+        self.spare.extend(self.before.take().map(|seen| seen.estimate));
+        self.hidden_for = 0;
     }
 
     /// The same with faults of its measurements.

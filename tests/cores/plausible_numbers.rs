@@ -342,8 +342,8 @@ fn no_optional_key_is_forgotten() {
             expected.remove("file"); // which stands for others
         }
         expected.remove("cameras"); // a list of what [camera] is, which is there
-        for named in ["goals", "postures"] {
-            expected.remove(named); // whose names are the user's: config/named_goal.rs
+        for named in ["goals", "postures", "targets", "objects"] {
+            expected.remove(named); // whose names are the user's: config/named_goal.rs, config/targets.rs
         }
         if path == "camera.replay" {
             expected.remove("topic"); // a word

@@ -1,4 +1,4 @@
-//! Rendering and vision allocate nothing once they run: tracking, whole-frame search, and loss alike.
+//! Rendering and vision allocate nothing once they run: tracking, whole-frame search, loss, and the change of the target alike.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // helpers of tests are tests
 #![allow(non_snake_case)]
@@ -9,9 +9,9 @@ use vservo::geometry::Pose;
 use vservo::imaging::ImageView;
 use vservo::messages::{FrameHeader, measurement_flag};
 use vservo::scene::{Renderer, SceneLook, SensorModel};
-use vservo::target::FourDots;
+use vservo::target::{FourDots, TagFamily, Tags};
 use vservo::time::MonoNs;
-use vservo::vision::{Frame, Prior, Vision, VisionSettings};
+use vservo::vision::{Frame, Prior, TargetSet, Vision, VisionSettings};
 
 #[test]
 fn nothing_is_allocated_per_frame() {
@@ -46,4 +46,33 @@ fn nothing_is_allocated_per_frame() {
         }
     });
     assert_eq!((found, tracked), (36, 32));
+}
+
+#[test]
+fn nothing_is_allocated_when_the_target_changes() {
+    let lens =
+        Intrinsics { fx_px: 600.0, fy_px: 600.0, cx_px: 319.5, cy_px: 239.5, width_px: 640, height_px: 480 };
+    let camera = CameraModel::new(lens, Distortion::default()).unwrap();
+    let tag = Tags::grid(TagFamily::Tag36h11, 0.06, (1, 1), 0.1, 7).unwrap();
+    let X_OT = Pose::new([0.05, -0.1, 0.0].into(), [0.0, 0.0, 0.4].into());
+    let (look, dots) = (SceneLook::default(), FourDots::default());
+    let renderer = Renderer::new(camera, dots, look, SensorModel::default()).unwrap();
+    let tag = tag.into();
+    let mut renderer = renderer.with_further_targets([(&tag, X_OT)]);
+    let vision = |target| Vision::new(camera, target, VisionSettings::default());
+    let mut targets = TargetSet::new(vision(dots.into()), [vision(tag.clone())]);
+    let mut image = vec![0; 640 * 480];
+    renderer.render(&[Pose::new([-0.05, 0.0, 0.5].into(), [0.1, 0.1, 0.1].into())], 0, &mut image);
+    let mut found = Vec::with_capacity(100);
+    let mut frame = |k: u64| {
+        let header =
+            FrameHeader { frame_id: k, exposure: MonoNs(k as i64 * 40_000_000), ..FrameHeader::default() };
+        let view = ImageView::new(&image, 640, 480).unwrap();
+        // A number that none has changes nothing.
+        let wanted = [0, 0, 1, 1, 9][k as usize % 5];
+        let m = targets.process(wanted, &Frame { header, image: view }, &Prior::default());
+        found.push((m.target_number, m.found(), m.target_lost));
+    };
+    assert_no_alloc(|| (0..20).for_each(&mut frame));
+    assert!(found.iter().enumerate().all(|(k, now)| *now == (u32::from(k % 5 > 1), true, 0)), "{found:?}");
 }

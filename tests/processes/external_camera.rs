@@ -158,3 +158,58 @@ fn the_python_sample_loses_nothing_uncounted() {
     assert!((number(&answer, &["obtained_hz"]) - 60.0).abs() < 0.5, "{answer}");
     assert!((frames + lost - 60.0 * number(&answer, &["duration_s"])).abs() <= 12.0, "{answer}");
 }
+
+/// Whether `python` can import `modules`.
+fn imports(python: &str, modules: &str) -> bool {
+    let output = Command::new(python).args(["-c", &format!("import {modules}")]).output();
+    let has = output.is_ok_and(|output| output.status.success());
+    if !has {
+        println!("skipped: {python} cannot import {modules}");
+    }
+    has
+}
+
+/// The sample for GStreamer, where its packages are, with a camera that GStreamer makes.
+#[test]
+fn the_gstreamer_sample_has_stamps_and_counts() {
+    let python = std::env::var("VSERVO_GST_PYTHON").unwrap_or_else(|_| "python3".into());
+    if !imports(
+        &python,
+        "numpy, iceoryx2, gi; gi.require_version('Gst', '1.0'); from gi.repository import Gst; Gst.init(None); assert Gst.ElementFactory.find('videotestsrc')",
+    ) {
+        assert!(std::env::var_os("VSERVO_REQUIRE_GST").is_none(), "GStreamer is required here");
+        return;
+    }
+    let sample = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/camera/gstreamer_camera.py");
+    let source = "videotestsrc is-live=true ! video/x-raw,width=640,height=480,framerate=60/1";
+    let (output, answer) = checked("camgst", &settings(&[&python, sample, source]));
+    assert_eq!(output.status.code(), Some(0), "{answer}");
+    assert!((number(&answer, &["obtained_hz"]) - 60.0).abs() < 0.5, "{answer}");
+}
+
+/// What the sample for ROS 2 makes of messages, which need no ROS here.
+#[test]
+fn the_ros_sample_knows_steps_and_stamps() {
+    let python = std::env::var("VSERVO_PYTHON").unwrap_or_else(|_| "python3".into());
+    if !imports(&python, "numpy, iceoryx2") {
+        return;
+    }
+    let text = "import sys, time; sys.path.insert(0, 'examples/camera')\n\
+                import ros2_camera as r\n\
+                from types import SimpleNamespace as N\n\
+                m = N(encoding='bgr8', is_bigendian=0, height=2, width=2, step=8, data=bytes(range(16)))\n\
+                pixels, letters = r.image_of(m)\n\
+                assert (pixels.tolist(), letters) == ([[[0, 1, 2], [3, 4, 5]], [[8, 9, 10], [11, 12, 13]]], 'BGR3')\n\
+                m = N(encoding='mono8', is_bigendian=0, height=1, width=3, step=4, data=bytes(4))\n\
+                assert r.image_of(m)[0].shape == (1, 3)\n\
+                now = time.time_ns()\n\
+                assert abs(time.monotonic_ns() - r.exposed(N(sec=now // 10**9, nanosec=now % 10**9))) < 10**9\n\
+                assert r.exposed(N(sec=0, nanosec=0)) == 0\n";
+    let output = Command::new(&python)
+        .args(["-c", text])
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .env("PYTHONDONTWRITEBYTECODE", "1")
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+}

@@ -60,6 +60,7 @@ mod spans;
 mod stamps;
 mod stereo;
 mod stereo_tool;
+mod targets;
 mod torque_safety;
 mod trace;
 mod watch;

@@ -49,10 +49,10 @@ pub struct SeenView {
 }
 
 impl SeenView {
-    /// What `m` has of `target`; `None` where it has no pose.
+    /// What `m` has of `target`, the first one of the run; `None` where it has no pose, or is of another.
     #[must_use]
     pub fn of(m: &Measurement, target: &Target) -> Option<Self> {
-        let X_CO = m.pose().filter(|_| m.found())?;
+        let X_CO = m.pose().filter(|_| m.found() && m.target_number == 0)?;
         let points = m.features().iter().filter_map(|f| {
             let point = target.points().iter().find(|point| u64::from(point.id) == f.id)?;
             Some(SeenPoint { p_O: point.p_O, px: Vector2::new(f.u_px, f.v_px), sd_px: f.sd_px })

@@ -15,6 +15,9 @@ pub struct RawNamedGoal {
     /// What stands in it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub taught: Option<GoalFile>,
+    /// Of which target it is: a name in `[targets]`, or `target`; left out: of `[target]`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub target: Option<String>,
     /// Position of the target in the camera, m.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub position_m: Option<[f64; 3]>,

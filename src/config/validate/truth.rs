@@ -7,7 +7,8 @@ use crate::camera_model::{CameraModel, Intrinsics, Lens};
 use crate::config::check::{Validation, pose};
 use crate::config::raw::{DriveKind, MountKind, RawBackdrop, RawBystander, RawConfig, RawOccluder, RawScene};
 use crate::config::target::{LENGTH_M, RawTarget, made};
-use crate::config::{Camera, Scene};
+use crate::config::{Camera, FurtherTarget, Scene};
+use crate::geometry::Pose;
 use crate::robot::{self, Mount, RobotDescription};
 use crate::scene::{Backdrop, Bystander, Occluder, SceneLook, SceneMotion};
 use crate::target::{Kind, Target};
@@ -26,11 +27,13 @@ const OFFSET_RAD_OR_M: RangeInclusive<f64> = -1.0..=1.0;
 pub(super) fn scene(
     raw: &RawConfig,
     (camera, believed_target, robot): (Option<&Camera>, Option<&Target>, Option<&RobotDescription>),
+    further: Option<&[FurtherTarget]>,
     motion: SceneMotion,
     check: &mut Validation<'_>,
 ) -> Option<Scene> {
     let object = &raw.scene.object;
     let X_WO = check.pose("scene.object", object.position_m, object.rotation_rpy_rad);
+    let further_targets = further_objects(raw, further, check);
     let lens = true_lens(raw, camera, check);
     let mount = true_mount(raw, check);
     let target = true_target(raw, believed_target, check);
@@ -49,9 +52,31 @@ pub(super) fn scene(
         occluders,
         backdrop,
         bystanders: bystanders?,
+        further_targets: further_targets?,
         arm: arm?,
         q_offset: q_offset?,
     })
+}
+
+/// Where the further targets are, each beside its target.
+fn further_objects(
+    raw: &RawConfig,
+    further: Option<&[FurtherTarget]>,
+    check: &mut Validation<'_>,
+) -> Option<Vec<(Target, Pose)>> {
+    let before = check.count_problems();
+    let mut poses = std::collections::BTreeMap::new();
+    for (name, object) in &raw.scene.objects {
+        let key = format!("scene.objects.{name}");
+        if object.on != raw.scene.object.on {
+            check.wrong(&format!("{key}.on"), "must be that of scene.object");
+        }
+        poses.insert(name.as_str(), check.pose(&key, object.position_m, object.rotation_rpy_rad));
+    }
+    if check.count_problems() > before {
+        return None;
+    }
+    further?.iter().map(|of| Some((of.target.clone(), *poses.get(of.name.as_str())?))).collect()
 }
 
 fn true_lens(raw: &RawConfig, camera: Option<&Camera>, check: &mut Validation<'_>) -> Option<CameraModel> {

@@ -91,6 +91,13 @@ impl<const N: usize> Behaviour<N> {
         }
     }
 
+    /// The goal is of another target from now on: what was seen before counts no more.
+    pub fn forget_target(&mut self) {
+        if let Self::Servoing(servoing) = self {
+            servoing.forget_target();
+        }
+    }
+
     /// Whether measurements keep coming at `now`, with or without a target; only servoing looks for one.
     #[must_use]
     pub fn sees(&self, now: MonoNs) -> bool {

@@ -40,6 +40,11 @@ impl Servoing {
         }
     }
 
+    /// The goal is of another target from now on.
+    pub(super) fn forget_target(&mut self) {
+        self.watch.forget();
+    }
+
     /// Whether measurements keep coming at `now`, with or without a target.
     pub(super) fn sees(&self, now: MonoNs) -> bool {
         self.watch.sees(now)

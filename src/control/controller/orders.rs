@@ -82,8 +82,11 @@ impl<const N: usize> Controller<N> {
         self.fault
     }
 
-    /// Sets the goal. In the state `Teaching` this also ends teaching.
+    /// Sets the goal. In the state `Teaching` this also ends teaching. A goal of another target waits for its first measurement: an arm that servoes brakes until then.
     pub fn set_goal(&mut self, goal: SetPoint) {
+        if goal.target() != self.servo.set_point().target() {
+            self.behaviour.forget_target();
+        }
         self.servo.set_goal(goal);
         self.cue(Cue::Taught);
     }

@@ -42,6 +42,11 @@ impl MeasurementWatch {
         self.any.is_some_and(|any| now - any <= self.timeout)
     }
 
+    /// No measurement was good so far: those that were are of another target.
+    pub fn forget(&mut self) {
+        self.last = None;
+    }
+
     /// A good measurement with this exposure stamp was used.
     pub fn good(&mut self, exposure: MonoNs) {
         self.last = Some(self.last.map_or(exposure, |last| last.max(exposure)));

@@ -84,6 +84,7 @@ fn verdict_code(verdict: MeasurementVerdict) -> u32 {
         MeasurementVerdict::NoTask(NoTask::NoPose) => 11,
         MeasurementVerdict::NoTask(NoTask::TooFew) => 12,
         MeasurementVerdict::NoTask(NoTask::Singular) => 13,
+        MeasurementVerdict::OtherTarget => 14,
     }
 }
 

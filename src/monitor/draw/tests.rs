@@ -15,6 +15,7 @@ fn watched() -> RunView {
         instance: "cell-1".into(),
         joints: (1..=6).map(|i| joint(&format!("joint{i}"))).collect(),
         image_px: [640.0, 480.0],
+        targets: vec!["target".into()],
         goal_error_px: 0.05,
         hold_s: 0.5,
         rate_hz: 25.0,

@@ -133,6 +133,7 @@ impl Commands {
         if standing.goal_points > 0 && standing.goal == goal.id {
             return;
         }
+        standing.target_number = goal.set_point.target();
         (standing.goal, standing.goal_points) = (goal.id, goal.set_point.points().len() as u64);
         standing.goal_ids.iter_mut().zip(goal.set_point.ids()).for_each(|(place, id)| *place = *id);
         let features = goal.set_point.features().iter().flat_map(|s| [s.x, s.y]);

@@ -5,10 +5,10 @@ use crate::geometry::Pose;
 use crate::mission::{LockstepRun, Mission};
 use crate::process::report_folder::{GOAL, MEASUREMENTS, POSES, TRACE};
 use crate::process::{Membership, ProcessError, ReportFolder};
-use crate::report::history::RunHistory;
+use crate::report::history::{PostureFacts, RunHistory};
 use crate::robot::Mount;
 use crate::time::SpanNs;
-use nalgebra::{SVector, Vector3};
+use nalgebra::{DMatrix, SMatrix, SVector, Vector3};
 use std::fmt::Write;
 use tracing::error;
 
@@ -58,7 +58,11 @@ pub(super) fn texts<'a, const N: usize>(
         let X_BE = robot.forward(&joints(q));
         let X_BC = camera(&config.camera.mount, &X_BE);
         let (p, r) = (X_BC.translation.vector, X_BC.rotation.coords);
-        (X_BE.translation.vector.into(), [p.x, p.y, p.z, r.x, r.y, r.z, r.w])
+        PostureFacts {
+            p_BE: X_BE.translation.vector.into(),
+            X_BC: [p.x, p.y, p.z, r.x, r.y, r.z, r.w],
+            min_singular_value: min_singular_value(config.camera.mount.camera(robot, &joints(q)).1.matrix()),
+        }
     };
     [
         (TRACE, Box::new(move || history.trace_csv(places))),
@@ -66,6 +70,11 @@ pub(super) fn texts<'a, const N: usize>(
         (GOAL, Box::new(|| goal(config, run))),
         (POSES, Box::new(|| poses(config, run, history))),
     ]
+}
+
+/// Of a Jacobian, 6 x N.
+fn min_singular_value<const N: usize>(J: &SMatrix<f64, 6, N>) -> f64 {
+    DMatrix::from_column_slice(6, N, J.as_slice()).singular_values().min()
 }
 
 fn joints<const N: usize>(q: &[f64]) -> SVector<f64, N> {

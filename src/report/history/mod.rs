@@ -8,6 +8,8 @@
 //! ```
 
 mod table;
+
+pub use table::PostureFacts;
 #[cfg(test)]
 mod tests;
 

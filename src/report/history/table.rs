@@ -13,11 +13,21 @@ const POSE: [&str; 7] = ["x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"];
 /// Columns of each joint: measured, commanded, requested.
 const JOINT: [&str; 6] = ["q", "qd", "tau", "q_r", "qd_r", "requested_qd"];
 
+/// What follows of a posture of the arm.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct PostureFacts {
+    /// The flange in B, m.
+    pub p_BE: [f64; 3],
+    /// The camera in B as position, m, and quaternion `x y z w`.
+    pub X_BC: [f64; 7],
+    /// The least singular value of the Jacobian by which the joints move the camera against the object, m and rad mixed: 0 in a singular posture.
+    pub min_singular_value: f64,
+}
+
 impl RunHistory {
-    /// `trace.csv`: a row a tick. `places` gives, of an arm whose joints are at q (rad or m), the flange in B, m, and the
-    /// camera in B as position and quaternion `x y z w`.
+    /// `trace.csv`: a row a tick. `places` gives what follows of the joints' positions, rad or m.
     #[must_use]
-    pub fn trace_csv(&self, mut places: impl FnMut(&[f64]) -> ([f64; 3], [f64; 7])) -> String {
+    pub fn trace_csv(&self, mut places: impl FnMut(&[f64]) -> PostureFacts) -> String {
         let mut out = String::from("tick,time_s,command_after_us,state");
         for limit in Limit::ALL {
             // a String takes everything
@@ -28,19 +38,14 @@ impl RunHistory {
         }
         out.push_str(",E_x_m,E_y_m,E_z_m");
         cells(&mut out, POSE.iter().map(|part| format!("C_{part}")));
-        out.push('\n');
+        out.push_str(",min_singular_value\n");
         for row in self.ticks.all() {
             self.tick_line(&mut out, row, &mut places);
         }
         out
     }
 
-    fn tick_line(
-        &self,
-        out: &mut String,
-        row: &TickRow,
-        places: &mut impl FnMut(&[f64]) -> ([f64; 3], [f64; 7]),
-    ) {
+    fn tick_line(&self, out: &mut String, row: &TickRow, places: &mut impl FnMut(&[f64]) -> PostureFacts) {
         let n = self.joints;
         let _ = write!(
             out,
@@ -55,9 +60,9 @@ impl RunHistory {
         cells(out, row.qd.iter().take(n).chain(row.tau.iter().take(n)));
         cells(out, row.q_r.iter().take(n).map(nano));
         cells(out, row.qd_r.iter().take(n).chain(row.requested_qd.iter().take(n)));
-        let (p_BE, X_BC) = places(row.q.get(..n).unwrap_or(&row.q));
+        let PostureFacts { p_BE, X_BC, min_singular_value } = places(row.q.get(..n).unwrap_or(&row.q));
         cells(out, p_BE.iter().chain(&X_BC).map(nano));
-        out.push('\n');
+        let _ = writeln!(out, ",{min_singular_value:.6}");
     }
 
     /// `measurements.csv`: a row a measurement; what is not known is empty.
@@ -145,6 +150,7 @@ fn verdict_word(verdict: MeasurementVerdict) -> &'static str {
         MeasurementVerdict::NoTask(NoTask::TooFew) => "too_few_for_the_law",
         MeasurementVerdict::NoTask(NoTask::Singular) => "singular",
         MeasurementVerdict::OtherFeatures => "other_features",
+        MeasurementVerdict::OtherTarget => "other_target",
         MeasurementVerdict::TooFewFeatures => "too_few_features",
         MeasurementVerdict::ImpossiblePose => "impossible_pose",
         MeasurementVerdict::Inconsistent => "inconsistent",

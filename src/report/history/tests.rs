@@ -50,5 +50,5 @@ fn memory_is_bounded_whatever_the_run_file_says() {
     assert_eq!((history.joints, history.ticks.most, history.measurements.most), (7, 120_000, 12_000));
     let shortest = RunHistory::new(2, &[], SpanNs(i64::MIN), f64::NAN);
     assert!(shortest.ticks.most < 100 && shortest.measurements.most <= 12_000);
-    assert_eq!(shortest.trace_csv(|_| ([0.0; 3], [0.0; 7])).lines().count(), 1);
+    assert_eq!(shortest.trace_csv(|_| PostureFacts::default()).lines().count(), 1);
 }

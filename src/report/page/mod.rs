@@ -27,6 +27,7 @@ svg.chart{width:100%;height:auto;display:none}svg.narrow{display:block}\
 @media (min-width:1051px){svg.medium{display:none}svg.wide{display:block}}\
 @media (max-width:600px){body{padding:.6rem 1rem 2rem}dl div{grid-template-columns:9rem 1fr}}\
 .images{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,30rem),1fr));gap:1.2rem}.images figure{margin:0}\
+.strip{grid-template-columns:repeat(auto-fill,minmax(min(100%,11rem),1fr));gap:.6rem}\
 .image{position:relative;line-height:0}.image img{width:100%;height:auto;display:block}.image svg{position:absolute;inset:0;width:100%;height:100%}\
 .image path,.image circle{fill:none;stroke:#00e04a;stroke-width:2;vector-effect:non-scaling-stroke}.image .goal{stroke:#ff5ad0;stroke-dasharray:4 3}\
 table{border-collapse:collapse;font-size:.93rem;max-width:100%}td,th{padding:.15rem .7rem;text-align:left;border-bottom:1px solid var(--faint);overflow-wrap:anywhere}\

@@ -87,7 +87,7 @@ fn curves(r: &RunRecord, quantity: Quantity) -> Vec<Curve<'_>> {
 }
 
 /// A joint in words: its number, and its name where that says more.
-fn called(joint: &JointSummary, number: usize) -> String {
+pub(super) fn called(joint: &JointSummary, number: usize) -> String {
     let plain =
         [format!("joint{number}"), format!("joint_{number}"), format!("joint {number}"), String::new()];
     if plain.contains(&joint.name) {

@@ -1,12 +1,14 @@
 //! A run as a page: one HTML file with its figures in it, which needs nothing else.
 //!
-//! verdict, command, facts · image plane · errors · errors by axis · cell in space · joints · what happened when · latencies · jitter · frames · files
+//! verdict, command, facts · image plane · errors · errors by axis · cell in space · joints · law and singular postures · what happened when · latencies ·
+//! jitter · filmstrip · frames · files
 
 mod errors;
 mod facts;
 mod image_plane;
 mod joints;
 mod latency;
+mod law;
 mod photographs;
 mod record;
 mod timeline;
@@ -29,6 +31,8 @@ pub fn run_page(r: &RunRecord) -> String {
         errors::errors_by_axis(r),
         view3d::view3d(r),
         joints::joints(r),
+        law::requested(r),
+        law::singularity(r),
         timeline::timeline(r),
         latency::latencies(r),
         latency::jitter(r),

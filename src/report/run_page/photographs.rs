@@ -2,13 +2,16 @@
 //!
 //! The numbers here are layout, in px of the drawing or shares of it, and were chosen by eye.
 
-use super::record::RunRecord;
-use crate::report::numbers::counted;
+use super::record::{ImageData, RunRecord};
+use crate::report::numbers::{counted, significant};
 use crate::report::page::{escaped, heading};
 use std::fmt::Write;
 
 /// Half the length of a mark, as a share of the image's width.
 const MARK: f64 = 0.012;
+
+/// The same in the small frames of the strip.
+const STRIP_MARK: f64 = 0.03;
 
 /// The section.
 pub(super) fn photographs(r: &RunRecord) -> String {
@@ -32,9 +35,9 @@ pub(super) fn photographs(r: &RunRecord) -> String {
     if losses > shown {
         says += &format!("; {} of the losses are shown", shown);
     }
-    let mut html = heading(TITLE, &format!("{says}."));
+    let mut html = filmstrip(r) + &heading(TITLE, &format!("{says}."));
     html += "<div class=\"images\">\n";
-    for image in &r.images {
+    for image in r.images.iter().filter(|image| !is_of_strip(image)) {
         let rows: Vec<usize> =
             (0..r.frames.rows()).filter(|row| r.frames.word("file", *row) == image.file).collect();
         let Some(first) = rows.first() else { continue };
@@ -55,16 +58,61 @@ pub(super) fn photographs(r: &RunRecord) -> String {
             "<figure><div class=\"image\"><img src=\"{}\" alt=\"{1}\">{2}</div><figcaption>{1}</figcaption></figure>",
             image.data,
             escaped(&caption),
-            marks(r, &rows)
+            marks(r, &rows, MARK)
         );
     }
     html + "</div><p class=\"note\">Green crosses: points that were found; dashed circles: where they are to be. The files beside this page are the \
             images as vision had them, without marks.</p>\n"
 }
 
-fn marks(r: &RunRecord, rows: &[usize]) -> String {
+fn is_of_strip(image: &ImageData) -> bool {
+    image.file.starts_with("frame-strip-")
+}
+
+/// Small frames from all of the run.
+fn filmstrip(r: &RunRecord) -> String {
+    let mut frames = String::new();
+    let (mut count, mut ends) = (0_u64, (f64::NAN, f64::NAN));
+    for image in r.images.iter().filter(|image| is_of_strip(image)) {
+        let rows: Vec<usize> =
+            (0..r.frames.rows()).filter(|row| r.frames.word("file", *row) == image.file).collect();
+        let Some(first) = rows.first() else { continue };
+        let id = r.frames.number("frame_id", *first);
+        let row = r.measurements.numbers("frame_id").iter().position(|f| *f == id);
+        let of = |name: &str| row.map_or(f64::NAN, |row| r.measurements.number(name, row));
+        let (time_s, error_px) = (of("exposure_s"), of("error_px"));
+        let when = if time_s.is_finite() { format!("{time_s:.2} s") } else { format!("number {id}") };
+        let what = if error_px.is_finite() {
+            format!("{} px", significant(error_px, 2))
+        } else {
+            r.frames.word("status", *first).to_owned()
+        };
+        let caption = escaped(&format!("{when}: {what}"));
+        ends = (ends.0.min(time_s), ends.1.max(time_s));
+        count += 1;
+        // a String takes everything
+        let _ = writeln!(
+            frames,
+            "<figure><div class=\"image\"><img src=\"{}\" alt=\"{caption}\">{}</div><figcaption>{caption}</figcaption></figure>",
+            image.data,
+            marks(r, &rows, STRIP_MARK)
+        );
+    }
+    // The first and the last frame stand below.
+    if count < 3 {
+        return String::new();
+    }
+    let mut says = counted(count, "frame");
+    if ends.0.is_finite() {
+        says += &format!(" from {:.2} to {:.2} s", ends.0, ends.1);
+    }
+    let says = format!("{says}, evenly spread, each with its time and its feature error.");
+    heading("Filmstrip", &says) + "<div class=\"images strip\">\n" + &frames + "</div>\n"
+}
+
+fn marks(r: &RunRecord, rows: &[usize], mark: f64) -> String {
     let [width, height] = r.image_px;
-    let mark = MARK * width;
+    let mark = mark * width;
     let mut svg = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"-0.5 -0.5 {width} {height}\" aria-hidden=\"true\">"
     );
@@ -85,7 +133,6 @@ fn marks(r: &RunRecord, rows: &[usize]) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::record::ImageData;
     use super::*;
     use crate::report::csv_table::CsvTable;
 
@@ -106,5 +153,28 @@ mod tests {
         assert!(html.contains("First frame, number 0, exposed at 0.250 s: found; 1 point<"), "{html}");
         assert!(html.contains("Lost frame, number 5: no contrast in the frame; 0 points<"), "{html}");
         assert!(html.contains("M8.8 20.0H11.2M10.0 18.8V21.2"), "{html}");
+        assert!(!html.contains("Filmstrip"), "two frames are no strip");
+    }
+
+    #[test]
+    fn a_filmstrip_has_times_and_errors() {
+        let mut text =
+            String::from("file,why,frame_id,status,point,u_px,v_px,frames,frames_without_target,losses\n");
+        for id in [0, 4, 8] {
+            let _ = writeln!(text, "frame-strip-{id:06}.png,strip,{id},\"found\",1,10,20,9,0,0");
+        }
+        let image = |id: u32| ImageData { file: format!("frame-strip-{id:06}.png"), data: "data:x".into() };
+        let r = RunRecord {
+            image_px: [100.0, 50.0],
+            frames: CsvTable::parse(&text),
+            images: [0, 4, 8].map(image).into(),
+            measurements: CsvTable::parse("frame_id,exposure_s,error_px\n0,0.25,12.34\n4,0.5,1\n8,1.25,\n"),
+            ..RunRecord::default()
+        };
+        let html = photographs(&r);
+        for part in ["3 frames from 0.25 to 1.25 s", ">0.25 s: 12 px<", ">1.25 s: found<", "M7.0 20.0H13.0"] {
+            assert!(html.contains(part), "{part}: {html}");
+        }
+        assert_eq!(html.matches("<figure>").count(), 3, "they stand in the strip alone");
     }
 }

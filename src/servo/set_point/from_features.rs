@@ -44,6 +44,6 @@ impl SetPoint {
         }
         let found = refine_3d(guess, seen.get(..self.count)?, 1.0).ok()?;
         let posed = Self::from_pose(&found.X_CO, self.points())?;
-        Some(Self { s_d: self.s_d, ids: self.ids, selection: self.selection, ..posed })
+        Some(Self { s_d: self.s_d, ids: self.ids, selection: self.selection, target: self.target, ..posed })
     }
 }

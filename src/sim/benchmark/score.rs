@@ -120,7 +120,13 @@ impl<'a, const N: usize> Judgement<'a, N> {
         Self {
             task,
             scene,
-            truth: Truth { robot, mount: scene.mount, X_WO: scene.X_WO, motion: scene.motion },
+            truth: Truth {
+                robot,
+                mount: scene.mount,
+                X_WO: scene.X_WO,
+                further_X_WO: Vec::new(),
+                motion: scene.motion,
+            },
             X_DO,
             points,
             goal_px,
