@@ -3,10 +3,10 @@
 
 use super::reach;
 use crate::config::{Clock, Config, DriveKind};
-use crate::ipc::{Instance, IpcError, QuietFrameReceiver, ReceivedFrame, Receiver, Role, Services};
-use crate::messages::{
-    CameraHealth, CameraId, DriveCommandMsg, DriveStateMsg, Measurement, RequestMsg, Status, TraceMsg,
+use crate::ipc::{
+    DriveViews, Instance, IpcError, QuietFrameReceiver, ReceivedFrame, Receiver, Role, Services,
 };
+use crate::messages::{CameraHealth, CameraId, Measurement, RequestMsg, Status, TraceMsg};
 use crate::monitor::{CellFacts, WatchedRecord};
 use crate::process::{LeftoversGuard, ProcessError, frame_shape, guardian};
 use crate::report::run_page::JointSummary;
@@ -20,7 +20,7 @@ pub struct RunWatch {
     health: Vec<(CameraId, Receiver<CameraHealth>)>,
     requests: Receiver<RequestMsg>,
     /// Commands to an external drive, and its states, once there is a place for who watches.
-    drive: Option<(Receiver<DriveCommandMsg>, Receiver<DriveStateMsg>)>,
+    drive: Option<DriveViews>,
     images: Option<QuietFrameReceiver>,
     /// How many of the run's own processes read each service of its external drive; `None` without one.
     readers_of_drive: Option<usize>,
@@ -97,7 +97,7 @@ impl RunWatch {
             take(&WatchedRecord::Status(&status));
         }
         // Before the ticks that tell what control made of them.
-        if let Some((commands, states)) = &self.drive {
+        if let Some(DriveViews { commands, states }) = &self.drive {
             while let Some(command) = commands.receive()? {
                 take(&WatchedRecord::DriveCommand(&command));
             }

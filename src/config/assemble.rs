@@ -312,7 +312,8 @@ pub fn control_loop_with<const N: usize>(
     require_controllable(config)?;
     let q_start = q_start::<N>(config)?;
     let limits = motion_limits(config, &robot)?;
-    let closed_loop = config.closes_the_loop();
+    // A recorded arm is commanded like any other.
+    let (closed_loop, has_arm) = (config.closes_the_loop(), config.has_an_arm());
     let joint_control = joint_controller(config, &robot, &q_start)?;
     let set_point = match &config.stereo {
         Some(_) => stereo_set_point(config)?,
@@ -340,10 +341,7 @@ pub fn control_loop_with<const N: usize>(
         (Task::Servo, true) if config.looks_and_moves() => {
             (RunTask::LookAndMove(LookAndMove::new(cell())), Behaviour::Waypoints(Waypoints::passing()))
         }
-        // A recorded arm is commanded like any other.
-        (Task::Servo, _) if config.has_an_arm() => {
-            (RunTask::Servo, Behaviour::Servoing(Servoing::new(watch)))
-        }
+        (Task::Servo, _) if has_arm => (RunTask::Servo, Behaviour::Servoing(Servoing::new(watch))),
         (Task::Servo, _) => (RunTask::Servo, Behaviour::Servoing(Servoing::new(watch).dry())),
     };
     let is_recorded = config.drive.kind == DriveKind::Replay;

@@ -18,6 +18,15 @@ use std::fmt::Debug;
 /// Measurements that wait for a view. Chosen by hand: more than half a second of any camera that the tests know, and views look twenty times a second.
 const VIEW_BUFFER: usize = 64;
 
+/// A view's ends of the services of an external drive.
+#[derive(Debug)]
+pub struct DriveViews {
+    /// That of `drive/command`.
+    pub commands: Receiver<DriveCommandMsg>,
+    /// That of `drive/state`.
+    pub states: Receiver<DriveStateMsg>,
+}
+
 impl Services {
     /// A view's end of `control/status`: the newest only.
     ///
@@ -80,10 +89,7 @@ impl Services {
     ///
     /// # Errors
     /// When a service or a port cannot be made.
-    pub fn drive_views(
-        &self,
-        own: usize,
-    ) -> Result<Option<(Receiver<DriveCommandMsg>, Receiver<DriveStateMsg>)>, IpcError> {
+    pub fn drive_views(&self, own: usize) -> Result<Option<DriveViews>, IpcError> {
         let (limit, commands, states) = (DRIVE_RECORDER_BUFFER, Channel::DriveCommand, Channel::DriveState);
         let readers = [
             self.publish_subscribe::<DriveCommandMsg>(commands, limit)?
@@ -94,7 +100,10 @@ impl Services {
         if readers.iter().any(|count| *count < own || *count + 1 >= MAX_READERS) {
             return Ok(None);
         }
-        Ok(Some((self.receiver(commands, limit, limit)?, self.receiver(states, limit, limit)?)))
+        Ok(Some(DriveViews {
+            commands: self.receiver(commands, limit, limit)?,
+            states: self.receiver(states, limit, limit)?,
+        }))
     }
 
     /// A view's end of `camera/N/frame`: the newest only.
