@@ -1,10 +1,9 @@
 //! `vservo explain` and `vservo report`: a run in words and as a page, from its recording.
 
-use super::replay::OpenRecording;
 use super::{json, shown};
 use crate::explain::{RunEvidence, explain as explanation_of};
 use crate::input::{printable, shell_word};
-use crate::process::{NewReport, ProcessError, recorded_report};
+use crate::process::{NewReport, OpenRecording, ProcessError, recorded_report};
 use crate::rt::tell;
 use clap::Args;
 use std::path::{Path, PathBuf};

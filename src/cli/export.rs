@@ -1,9 +1,8 @@
 //! `vservo export`: a recording for other programs.
 
-use super::replay::OpenRecording;
 use super::shown;
 use crate::export::{ViewerKind, write_for_viewers, write_tables};
-use crate::process::ProcessError;
+use crate::process::{OpenRecording, ProcessError};
 use crate::record::RecordingError;
 use clap::{Args, ValueEnum};
 use std::fmt::Write as _;
@@ -18,6 +17,8 @@ pub enum ExportFor {
     Foxglove,
     /// ROS 2: the same in the packages that it has
     Ros2,
+    /// Rerun, whose `rerun mcap convert` reads it: the same with the images as PNG
+    Rerun,
     /// Tables, one a service, with units in their headers
     Csv,
 }
@@ -58,6 +59,7 @@ pub(super) fn export(arguments: &ExportArguments) -> Result<u8, ProcessError> {
         }
         ExportFor::Foxglove => ViewerKind::Foxglove,
         ExportFor::Ros2 => ViewerKind::Ros2,
+        ExportFor::Rerun => ViewerKind::Rerun,
     };
     if out.exists() && std::fs::canonicalize(out).ok() == std::fs::canonicalize(&arguments.recording).ok() {
         return Err(ProcessError::NoCommand("--out: is the recording itself; name another file".into()));

@@ -1,17 +1,12 @@
 //! `vservo replay`.
 
 use super::shown;
-use crate::config::Config;
 use crate::control::outcome::Outcome;
-use crate::process::ProcessError;
-use crate::record::{ABOUT, RUN_FILE, RecordingError, RecordingReader};
+use crate::process::{OpenRecording, ProcessError};
 use crate::replay::{self, CommandDeviation, How, MeasuredAgain, RecordedRun, ReplayError, Replayed};
-use crate::robot;
 use clap::{Args, ValueEnum};
 use std::fmt::Write as _;
-use std::fs::File;
-use std::io::BufReader;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// The exit code of a replay that is not what was recorded. Chosen: that of a goal which was not reached.
 const DIFFERS: u8 = 5;
@@ -59,88 +54,6 @@ pub(super) fn replay(arguments: &ReplayArguments) -> Result<u8, ProcessError> {
         }
     };
     Ok(shown(&text, if is_same { 0 } else { DIFFERS }))
-}
-
-/// A recording with the run file and the robot files that are in it.
-pub(super) struct OpenRecording {
-    pub(super) reader: RecordingReader<BufReader<File>>,
-    pub(super) config: Config,
-    /// A word about the version that recorded it, where that is another one.
-    pub(super) other_version: Option<String>,
-}
-
-impl OpenRecording {
-    /// Opens it, and changes its settings by `set`.
-    pub(super) fn open(path: &Path, set: &[String]) -> Result<Self, ProcessError> {
-        let wrong = |cause: ReplayError| ProcessError::Replay { path: path.into(), cause: Box::new(cause) };
-        let reader = Self::reader_of(path).map_err(wrong)?;
-        let robots = RobotFiles::of(&reader)?;
-        let settings: Vec<_> = robots.settings.iter().chain(set).cloned().collect();
-        let config = replay::recorded_config(&reader, &settings).map_err(wrong)?;
-        let version = reader.metadata().get(ABOUT).and_then(|about| about.get("version"));
-        let this = env!("CARGO_PKG_VERSION");
-        let other_version = version.filter(|version| *version != this).map(|version| {
-            format!("recorded by version {version}, replayed by {this}: what differs may be the program\n")
-        });
-        Ok(Self { reader, config, other_version })
-    }
-
-    /// Its reader alone.
-    pub(super) fn reader_of(path: &Path) -> Result<RecordingReader<BufReader<File>>, ReplayError> {
-        let file = File::open(path).map_err(RecordingError::from)?;
-        Ok(RecordingReader::open(BufReader::new(file))?)
-    }
-}
-
-/// The robot files of a recording where this machine has not the same, in a folder that goes when they have been read.
-struct RobotFiles {
-    folder: PathBuf,
-    settings: Vec<String>,
-}
-
-impl RobotFiles {
-    fn of<R: std::io::Read>(reader: &RecordingReader<R>) -> Result<Self, ProcessError> {
-        let folder = std::env::temp_dir().join(format!("vservo-replay-{}", std::process::id()));
-        let mut robots = Self { folder, settings: Vec::new() };
-        let text = reader.attachments().get(RUN_FILE).cloned().unwrap_or_default();
-        // what is wrong with it is told when it is validated
-        let table = toml::Value::Table(String::from_utf8_lossy(&text).parse().unwrap_or_default());
-        for (name, keys) in [("robot", &["robot", "model"][..]), ("scene.arm", &["scene", "arm", "model"])] {
-            let model = keys.iter().try_fold(&table, |at, key| at.get(*key)).and_then(toml::Value::as_str);
-            let Some(model) = model else { continue };
-            let prefix = format!("{name}/");
-            let recorded: Vec<_> = reader
-                .attachments()
-                .iter()
-                .filter_map(|(file, data)| Some((file.strip_prefix(&prefix)?, data)))
-                .filter(|(file, _)| !file.contains('/') && *file != "..")
-                .collect();
-            let here = robot::files(model).unwrap_or_default();
-            let is_here = |(file, data): &(&str, &Vec<u8>)| {
-                here.iter().any(|(name, text)| name == file && text.as_bytes() == data.as_slice())
-            };
-            if recorded.iter().all(is_here) {
-                continue;
-            }
-            let place = robots.folder.join(name);
-            let write = |path: &Path, data: &[u8]| {
-                std::fs::write(path, data).map_err(|cause| ProcessError::Write { path: path.into(), cause })
-            };
-            std::fs::create_dir_all(&place)
-                .map_err(|cause| ProcessError::Write { path: place.clone(), cause })?;
-            recorded.iter().try_for_each(|(file, data)| write(&place.join(file), data))?;
-            let file = model.rsplit('/').next().unwrap_or(model);
-            let file = if robot::SHIPPED.contains(&file) { format!("{file}.toml") } else { file.to_owned() };
-            robots.settings.push(format!("{}={:?}", keys.join("."), place.join(file).display().to_string()));
-        }
-        Ok(robots)
-    }
-}
-
-impl Drop for RobotFiles {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.folder); // mostly there is none
-    }
 }
 
 fn frames_text(found: &MeasuredAgain) -> String {

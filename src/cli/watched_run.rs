@@ -64,6 +64,7 @@ impl WatchedRun {
             return Ok(true);
         }
         self.next_look = time + PRESENCE_PERIOD;
+        self.watch.look_for_drive()?;
         let is_there = self.watch.is_there();
         if !is_there {
             // its last words

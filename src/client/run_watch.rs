@@ -2,11 +2,13 @@
 //! taken in time is overwritten.
 
 use super::reach;
-use crate::config::{Clock, Config};
-use crate::ipc::{Instance, IpcError, QuietFrameReceiver, ReceivedFrame, Receiver, Role, Services};
-use crate::messages::{CameraHealth, CameraId, Measurement, Status, TraceMsg};
+use crate::config::{Clock, Config, DriveKind};
+use crate::ipc::{
+    DriveViews, Instance, IpcError, QuietFrameReceiver, ReceivedFrame, Receiver, Role, Services,
+};
+use crate::messages::{CameraHealth, CameraId, Measurement, RequestMsg, Status, TraceMsg};
 use crate::monitor::{CellFacts, WatchedRecord};
-use crate::process::{LeftoversGuard, ProcessError, frame_shape};
+use crate::process::{LeftoversGuard, ProcessError, frame_shape, guardian};
 use crate::report::run_page::JointSummary;
 
 /// A place among those who read a run's services. The fields are given back in the order in which they stand.
@@ -16,7 +18,12 @@ pub struct RunWatch {
     traces: Receiver<TraceMsg>,
     measurements: Receiver<Measurement>,
     health: Vec<(CameraId, Receiver<CameraHealth>)>,
+    requests: Receiver<RequestMsg>,
+    /// Commands to an external drive, and its states, once there is a place for who watches.
+    drive: Option<DriveViews>,
     images: Option<QuietFrameReceiver>,
+    /// How many of the run's own processes read each service of its external drive; `None` without one.
+    readers_of_drive: Option<usize>,
     services: Services,
     instance: Instance,
     // a run that ended meanwhile could not remove what this had open
@@ -40,11 +47,27 @@ impl RunWatch {
             traces: services.trace_view().map_err(crowded)?,
             measurements: services.measurement_view(config.camera.id).map_err(crowded)?,
             health: cameras.collect::<Result<_, IpcError>>().map_err(crowded)?,
+            requests: services.request_view().map_err(crowded)?,
+            drive: None,
             images: None,
+            readers_of_drive: (config.drive.kind == DriveKind::External)
+                .then(|| 1 + usize::from(guardian::is_wanted(config))),
             services,
             instance: instance.clone(),
             _place: place,
         })
+    }
+
+    /// Looks for a place among those who read an external drive, where there is one and none was found yet. Without it the drive's records are not among
+    /// those that come.
+    ///
+    /// # Errors
+    /// When shared memory fails.
+    pub fn look_for_drive(&mut self) -> Result<(), ProcessError> {
+        if let (None, Some(own)) = (&self.drive, self.readers_of_drive) {
+            self.drive = self.services.drive_views(own)?;
+        }
+        Ok(())
     }
 
     /// The same, to which the images of the first camera come too.
@@ -73,11 +96,23 @@ impl RunWatch {
         if let Some(status) = self.status.receive_newest()? {
             take(&WatchedRecord::Status(&status));
         }
+        // Before the ticks that tell what control made of them.
+        if let Some(DriveViews { commands, states }) = &self.drive {
+            while let Some(command) = commands.receive()? {
+                take(&WatchedRecord::DriveCommand(&command));
+            }
+            while let Some(state) = states.receive()? {
+                take(&WatchedRecord::DriveState(&state));
+            }
+        }
         while let Some(tick) = self.traces.receive()? {
             take(&WatchedRecord::Tick(&tick));
         }
         while let Some(measurement) = self.measurements.receive()? {
             take(&WatchedRecord::Measurement(&measurement));
+        }
+        while let Some(request) = self.requests.receive()? {
+            take(&WatchedRecord::Request(&request));
         }
         for (camera, port) in &self.health {
             if let Some(health) = port.receive_newest()? {

@@ -91,9 +91,9 @@ pub enum AssembleError {
     /// The camera has no pixels.
     #[error(transparent)]
     Image(#[from] ImageSizeError),
-    /// An external drive is another process: only the control process can connect to it.
+    /// An external drive is another process, and a recorded one a file: only the control process can connect to it.
     #[error(
-        "drive.kind: an external drive needs the processes of `vservo run`; in one process use simulated or ideal"
+        "drive.kind: an external drive, and one that was recorded, needs the processes of `vservo run`; in one process use simulated or ideal"
     )]
     ExternalDrive,
 }
@@ -192,6 +192,7 @@ fn q_offset<const N: usize>(scene: &Scene) -> Result<SVector<f64, N>, AssembleEr
 pub fn drive<const N: usize>(config: &Config, robot: &Robot<N>) -> Result<AnyDrive<N>, AssembleError> {
     let q_start = q_start::<N>(config)?;
     Ok(match (config.closes_the_loop(), config.drive.kind) {
+        (_, DriveKind::External | DriveKind::Replay) => return Err(AssembleError::ExternalDrive),
         (false, _) => Box::new(StandstillDrive::new(q_start)),
         (true, DriveKind::Ideal) => {
             let ideal = IdealDrive::new(q_start).with_offset(true_offset(config)?);
@@ -200,7 +201,6 @@ pub fn drive<const N: usize>(config: &Config, robot: &Robot<N>) -> Result<AnyDri
         (true, DriveKind::Simulated) => {
             Box::new(SimulatedDrive::new(robot.clone(), q_start, simulated_settings(config)?)?)
         }
-        (true, DriveKind::External) => return Err(AssembleError::ExternalDrive),
         (true, DriveKind::None) => Box::new(StandstillDrive::new(q_start)),
     })
 }
@@ -289,7 +289,8 @@ pub fn control_loop_with<const N: usize>(
     require_controllable(config)?;
     let q_start = q_start::<N>(config)?;
     let limits = motion_limits(config, &robot)?;
-    let closed_loop = config.closes_the_loop();
+    // A recorded arm is commanded like any other.
+    let (closed_loop, has_arm) = (config.closes_the_loop(), config.has_an_arm());
     let joint_control = joint_controller(config, &robot, &q_start)?;
     let set_point = match &config.stereo {
         Some(_) => stereo_set_point(config)?,
@@ -317,19 +318,22 @@ pub fn control_loop_with<const N: usize>(
         (Task::Servo, true) if config.looks_and_moves() => {
             (RunTask::LookAndMove(LookAndMove::new(cell())), Behaviour::Waypoints(Waypoints::passing()))
         }
-        (Task::Servo, true) => (RunTask::Servo, Behaviour::Servoing(Servoing::new(watch))),
-        (Task::Servo, false) => (RunTask::Servo, Behaviour::Servoing(Servoing::new(watch).dry())),
+        (Task::Servo, _) if has_arm => (RunTask::Servo, Behaviour::Servoing(Servoing::new(watch))),
+        (Task::Servo, _) => (RunTask::Servo, Behaviour::Servoing(Servoing::new(watch).dry())),
     };
+    let is_recorded = config.drive.kind == DriveKind::Replay;
     let settings = ControllerSettings {
         effort_rise: config.motion.effort_rise,
         start_tolerance: config.start.tolerance,
-        may_start_elsewhere: config.start.elsewhere,
+        // A recorded arm was where it was.
+        may_start_elsewhere: config.start.elsewhere || is_recorded,
         max_tracking_error: config.safety.max_tracking_error,
+        obeys: !is_recorded,
         reaction: config.safety.contact,
         space: config.workspace.clone(),
         ..ControllerSettings::new(ArmModel { robot, limits }, joint_control, config.drive.mode, q_start)
     };
-    let plays_once = matches!(config.camera.source, Source::Replay { repeat: false, .. });
+    let plays_once = is_recorded || matches!(config.camera.source, Source::Replay { repeat: false, .. });
     let i = config.camera.model.intrinsics();
     let service = if config.serve {
         Service::Served

@@ -47,10 +47,17 @@ impl Config {
         !self.serve && self.closes_the_loop()
     }
 
-    /// Whether the loop is closed: there is an arm, and the images show its motion.
+    /// Whether the loop is closed: there is an arm that obeys, and the images show its motion.
     #[must_use]
     pub fn closes_the_loop(&self) -> bool {
-        self.camera.source.kind().closes_the_loop() && self.drive.kind != DriveKind::None
+        let obeys = !matches!(self.drive.kind, DriveKind::None | DriveKind::Replay);
+        self.camera.source.kind().closes_the_loop() && obeys
+    }
+
+    /// Whether an arm moves in this run: one that obeys, or one that was recorded.
+    #[must_use]
+    pub fn has_an_arm(&self) -> bool {
+        self.closes_the_loop() || self.drive.kind == DriveKind::Replay
     }
 }
 

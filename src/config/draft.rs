@@ -125,7 +125,7 @@ impl Draft {
     /// The same cell servoing to a pose in simulation: an external drive is replaced by the simulated arm.
     #[must_use]
     pub fn simulated(mut self) -> Self {
-        if matches!(self.raw.drive.kind, DriveKind::External | DriveKind::None) {
+        if matches!(self.raw.drive.kind, DriveKind::External | DriveKind::Replay | DriveKind::None) {
             self.raw.drive = RawDrive { simulated: self.raw.drive.simulated.clone(), ..RawDrive::default() };
             self.raw.motion.controller = RawMotion::default().controller;
         }
@@ -268,6 +268,7 @@ fn resolve_paths(raw: &mut RawConfig, document: &Document, folder: &Path, proble
     named_goals(raw, document, absolute, problems);
     images("camera.replay.folder", &mut raw.camera.replay.folder);
     images("camera.replay.recording", &mut raw.camera.replay.recording);
+    images("drive.replay.recording", &mut raw.drive.replay.recording);
     for (i, camera) in raw.cameras.iter_mut().enumerate() {
         images(&format!("cameras[{i}].replay.folder"), &mut camera.replay.folder);
         images(&format!("cameras[{i}].replay.recording"), &mut camera.replay.recording);

@@ -76,7 +76,7 @@ pub(super) fn estimation(
             check.wrong(key, format!("does not go with {estimated}: leave out one of them"));
         }
     }
-    if raw.drive.kind == DriveKind::None || !raw.camera.source.closes_the_loop() {
+    if matches!(raw.drive.kind, DriveKind::None | DriveKind::Replay) || !raw.camera.source.closes_the_loop() {
         check.wrong(
             "servo.interaction",
             "is \"estimated\", which learns from an arm that moves before the camera",

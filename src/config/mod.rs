@@ -192,6 +192,8 @@ pub struct DriveSettings {
     pub simulated: SimulatedArm,
     /// A drive in another process.
     pub external: DriveProgram,
+    /// The recording of an arm that is replayed.
+    pub recording: PathBuf,
 }
 
 /// Imperfections of the simulated arm.

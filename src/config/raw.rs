@@ -252,6 +252,8 @@ word! {
         Ideal,
         /// An external process: a simulator, or the driver of a robot.
         External,
+        /// An arm that was recorded, for a dry run: it is where it was, whatever it is told.
+        Replay,
         /// No arm: nothing moves, and the run reports the twist that the law requests of the camera.
         None,
     }
@@ -268,6 +270,8 @@ table! {
         simulated: RawSimulated = RawSimulated::default(),
         /// `[drive.external]`
         external: RawExternal = RawExternal::default(),
+        /// `[drive.replay]`
+        replay: RawRecordedDrive = RawRecordedDrive::default(),
     }
 }
 
@@ -377,6 +381,14 @@ table! {
         answer_timeout_s: f64 = 10.0,
         /// Time within which a drive started by the run must have connected, and any drive have answered the start, s.
         connect_timeout_s: f64 = 30.0,
+    }
+}
+
+table! {
+    /// A recorded arm.
+    RawRecordedDrive {
+        /// The recording whose joint states are played.
+        recording: PathBuf = PathBuf::new(),
     }
 }
 

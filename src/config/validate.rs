@@ -84,7 +84,8 @@ pub(super) fn validate(
     if raw.run.serve && !raw.camera.source.closes_the_loop() {
         check.wrong("run.serve", "needs a camera that sees the arm's own motion: camera.source is `replay`");
     }
-    let moves_an_arm = raw.camera.source.closes_the_loop() && raw.drive.kind != DriveKind::None;
+    let obeys = !matches!(raw.drive.kind, DriveKind::None | DriveKind::Replay);
+    let moves_an_arm = raw.camera.source.closes_the_loop() && obeys;
     if !raw.servo.path.poses.is_empty() && !moves_an_arm {
         check.wrong("servo.path", "needs an arm that moves, and a camera that sees its motion");
     }
@@ -96,6 +97,9 @@ pub(super) fn validate(
     }
     if raw.drive.kind == DriveKind::None {
         drive::without_arm(&raw, check);
+    }
+    if raw.drive.kind == DriveKind::Replay {
+        drive::with_recorded_arm(&raw, check);
     }
     if raw.run.task != Task::Servo {
         if !raw.camera.source.closes_the_loop() {

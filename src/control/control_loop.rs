@@ -88,6 +88,9 @@ impl<const N: usize> ControlLoop<N> {
             self.controller.follow_anew();
             self.inputs |= trace_flag::LATE_STATE;
         }
+        if self.drive.is_over() {
+            self.inputs |= trace_flag::MOTION_OVER;
+        }
         let DriveHealth { fault, robot, .. } = self.drive.health();
         if let Some(fault) = fault {
             self.fail(Fault::Drive(fault));
@@ -296,7 +299,7 @@ impl<const N: usize> ControlLoop<N> {
 
     /// Reports a fault from outside the control core: the arm is brought to rest from the next [`act`](Self::act) on.
     pub fn fail(&mut self, fault: Fault) {
-        if self.inputs >> trace_flag::REPORTED_FAULT == 0 {
+        if trace_flag::reported_fault_of(self.inputs) == 0 {
             self.inputs |= fault.code() << trace_flag::REPORTED_FAULT;
         }
         self.controller.fail(fault);

@@ -9,6 +9,7 @@
 //! | [`SimulatedDrive`] | torque, velocity, position | rigid body with friction, limits, encoders, delay |
 //! | [`IdealDrive`] | velocity, position | joints that follow the reference exactly |
 //! | [`ExternalDrive`] | what the process behind it says | another process, over a [`DriveLink`] |
+//! | [`RecordedDrive`] | everything, and obeys nothing | an arm that was recorded, for dry runs |
 //! | [`StandstillDrive`] | everything | no arm, or one that does not move: replayed images |
 
 pub mod check;
@@ -22,6 +23,7 @@ mod hard_friction;
 mod ideal;
 mod inner_servo;
 mod mode;
+mod recorded;
 mod simulated;
 mod standstill;
 mod surroundings;
@@ -34,6 +36,7 @@ pub use hard_friction::HardFriction;
 pub use ideal::IdealDrive;
 pub use inner_servo::InnerServo;
 pub use mode::CommandMode;
+pub use recorded::{NextState, RecordedDrive, RecordedMotion};
 pub use simulated::{SimulatedDrive, SimulatedDriveError, SimulatedDriveSettings};
 pub use standstill::StandstillDrive;
 pub use surroundings::{Jam, Push, Surroundings, Wall};
@@ -133,6 +136,11 @@ pub trait Drive<const N: usize> {
     /// How the last [`read`](Self::read) went.
     fn health(&self) -> DriveHealth {
         DriveHealth::default()
+    }
+
+    /// Whether the last [`read`](Self::read) state was its last: of an arm that was recorded.
+    fn is_over(&self) -> bool {
+        false
     }
 
     /// Clears the fault of its states, after a reset.

@@ -59,7 +59,7 @@ struct ArmRest<const N: usize> {
 
 pub(super) fn findings(evidence: &RunEvidence) -> Option<RunFinding> {
     let drive = &evidence.config.drive;
-    if drive.mode != CommandMode::Torque || drive.kind == DriveKind::None {
+    if drive.mode != CommandMode::Torque || matches!(drive.kind, DriveKind::None | DriveKind::Replay) {
         return None;
     }
     dispatch_robot!(evidence.config.robot, |robot| of_robot(&robot, evidence)).ok().flatten()

@@ -47,7 +47,9 @@ fn joints(evidence: &RunEvidence) -> Vec<JointColumns<'_>> {
 pub(super) fn findings(evidence: &RunEvidence) -> Vec<RunFinding> {
     let joints = joints(evidence);
     let mut found = Vec::new();
-    if evidence.config.drive.mode == CommandMode::Torque && evidence.config.drive.kind != DriveKind::None {
+    if evidence.config.drive.mode == CommandMode::Torque
+        && !matches!(evidence.config.drive.kind, DriveKind::None | DriveKind::Replay)
+    {
         found.extend(delay(&joints));
     }
     found.extend(encoders(evidence, &joints));

@@ -55,6 +55,12 @@ impl CdrOutput {
         self.bytes.push(0);
     }
 
+    /// A sequence of bytes.
+    pub(super) fn octets(&mut self, bytes: &[u8]) {
+        self.length(bytes.len());
+        self.bytes.extend_from_slice(bytes);
+    }
+
     /// `builtin_interfaces/Time`.
     pub(super) fn time(&mut self, stamp: MonoNs) {
         let seconds = i32::try_from(stamp.0.div_euclid(NS_PER_S)).unwrap_or_default();

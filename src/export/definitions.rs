@@ -5,7 +5,7 @@
 const RULE: &str = "================================================================================";
 
 /// Each definition with the definitions that it uses. The order is that of the alphabet.
-const DEFINITIONS: [(&str, &str, &[&str]); 32] = [
+const DEFINITIONS: [(&str, &str, &[&str]); 33] = [
     ("builtin_interfaces/Duration", "int32 sec\nuint32 nanosec\n", &[]),
     ("builtin_interfaces/Time", "int32 sec\nuint32 nanosec\n", &[]),
     (
@@ -125,6 +125,11 @@ const DEFINITIONS: [(&str, &str, &[&str]); 32] = [
         "sensor_msgs/CameraInfo",
         "std_msgs/Header header\nuint32 height\nuint32 width\nstring distortion_model\nfloat64[] d\nfloat64[9] k\nfloat64[9] r\nfloat64[12] p\nuint32 binning_x\nuint32 binning_y\nsensor_msgs/RegionOfInterest roi\n",
         &["sensor_msgs/RegionOfInterest", "std_msgs/Header"],
+    ),
+    (
+        "sensor_msgs/CompressedImage",
+        "std_msgs/Header header\nstring format\nuint8[] data\n",
+        &["std_msgs/Header"],
     ),
     (
         "sensor_msgs/JointState",

@@ -1,11 +1,16 @@
 //! Everything of a recording, to the bit, with what viewers know by themselves beside it.
 
+use super::cdr::CdrOutput;
 use super::derived::DerivedMessages;
-use super::derived_message::DerivedMessage;
+use super::derived_message::{DerivedMessage, camera_frame};
 use crate::config::Config;
-use crate::messages::MessageRecord;
-use crate::record::{CopiedTopic, RecordedMessage, RecordingError, RecordingReader, RecordingWriter};
+use crate::messages::{CameraId, MessageRecord};
+use crate::record::{
+    CopiedTopic, IMAGE_NAME, RecordedMessage, RecordingError, RecordingReader, RecordingWriter,
+};
+use crate::source::encode_png;
 use crate::time::MonoNs;
+use image::ExtendedColorType;
 use std::collections::BTreeMap;
 use std::io::{Read, Write};
 
@@ -16,6 +21,8 @@ pub enum ViewerKind {
     Foxglove,
     /// ROS 2: packages that it has not are left out.
     Ros2,
+    /// Rerun, whose program converts it (`rerun mcap convert`): as for ROS 2, with the images as PNG, because it draws 8-bit grey as a depth.
+    Rerun,
 }
 
 /// Bytes after which a chunk ends. Chosen by hand: what a recorder gathers at most.
@@ -44,7 +51,11 @@ pub fn write_for_viewers<R: Read, W: Write>(
             let stamp = MonoNs(i64::try_from(message.stamp_ns).unwrap_or_default());
             derived.fixed(stamp).into_iter().try_for_each(|made| output.derived(made))?;
         }
-        output.copy(&message)?;
+        let image = if kind == ViewerKind::Rerun { compressed(&message)? } else { None };
+        match image {
+            Some(image) => output.derived(image)?,
+            None => output.copy(&message)?,
+        }
         for made in derive(&mut derived, &message)? {
             output.derived(made)?;
         }
@@ -70,6 +81,28 @@ fn derive(
     })
 }
 
+/// The image in `message` as a `sensor_msgs/CompressedImage` of its topic; `None` where there is none in it.
+fn compressed(message: &RecordedMessage<'_>) -> Result<Option<DerivedMessage>, RecordingError> {
+    if message.definition() != Some(IMAGE_NAME) {
+        return Ok(None);
+    }
+    let image = message.image()?;
+    let topic = message.topic();
+    let png = encode_png(image.pixels, image.width_px, image.height_px, ExtendedColorType::L8)
+        .map_err(|_| RecordingError::Message { topic: topic.into(), expected: "image of 8-bit grey" })?;
+    let camera = topic.split('/').nth(2).and_then(|number| number.parse().ok()).unwrap_or_default();
+    let mut out = CdrOutput::new();
+    out.header(image.stamp, &camera_frame(CameraId(camera)));
+    out.text("png");
+    out.octets(&png);
+    Ok(Some(DerivedMessage {
+        topic: topic.into(),
+        definition: "sensor_msgs/CompressedImage",
+        stamp: image.stamp,
+        data: out.bytes(),
+    }))
+}
+
 struct ViewerOutput<W: Write> {
     writer: RecordingWriter<W>,
     kind: ViewerKind,
@@ -92,7 +125,7 @@ impl<W: Write> ViewerOutput<W> {
     }
 
     fn derived(&mut self, message: DerivedMessage) -> Result<(), RecordingError> {
-        if self.kind == ViewerKind::Ros2 && message.definition.starts_with("foxglove_msgs") {
+        if self.kind != ViewerKind::Foxglove && message.definition.starts_with("foxglove_msgs") {
             return Ok(());
         }
         let id = match self.topics.get(&message.topic) {

@@ -5,6 +5,8 @@ mod image;
 mod recorder;
 mod viewer;
 
+pub use viewer::DriveViews;
+
 use super::caretaker::Caretaker;
 use super::channel::Channel;
 use super::command::{CommandClient, CommandServer};

@@ -101,7 +101,9 @@ pub mod trace_flag {
     pub const SHUTDOWN_ASKED: u32 = 64;
     /// The mission gave out its orders when it had seen this record; without this bit it saw the next one first.
     pub const ORDERS_GIVEN: u32 = 128;
-    /// From this bit on, up to [`ROBOT_STATE`]: the code of the fault that was reported to control at this tick from outside, by the drive or the process; 0: none.
+    /// The drive was an arm that was recorded, and this its last state.
+    pub const MOTION_OVER: u32 = 1 << 27;
+    /// From this bit on, up to [`MOTION_OVER`]: the code of the fault that was reported to control at this tick from outside, by the drive or the process; 0: none.
     pub const REPORTED_FAULT: u32 = 8;
     /// From this bit on: the code of the [`RobotState`](crate::messages::RobotState) that the drive reported at this tick.
     pub const ROBOT_STATE: u32 = 28;
@@ -109,7 +111,7 @@ pub mod trace_flag {
     /// The code of the reported fault in flags.
     #[must_use]
     pub fn reported_fault_of(flags: u32) -> u32 {
-        (flags >> REPORTED_FAULT) & ((1 << (ROBOT_STATE - REPORTED_FAULT)) - 1)
+        (flags & (MOTION_OVER - 1)) >> REPORTED_FAULT
     }
 
     /// The code of the robot's state in flags.
@@ -139,7 +141,7 @@ mod tests {
     #[test]
     fn faults_and_states_of_the_robot_share_the_flags() {
         use trace_flag::*;
-        let flags = LATE_STATE | ORDERS_GIVEN | 31 << REPORTED_FAULT | 10 << ROBOT_STATE;
+        let flags = LATE_STATE | ORDERS_GIVEN | MOTION_OVER | 31 << REPORTED_FAULT | 10 << ROBOT_STATE;
         assert_eq!((reported_fault_of(flags), robot_state_of(flags)), (31, 10));
         assert_eq!((reported_fault_of(255), robot_state_of(255)), (0, 0));
     }

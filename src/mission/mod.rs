@@ -47,7 +47,7 @@ use crate::control::outcome::{Finish, Outcome};
 use crate::control::safety::{Fault, RestWatch};
 use crate::control::trace::{Event, Trace};
 use crate::drive::DriveState;
-use crate::messages::{ControlState, JointState, Measurement, frame_flag, joint_flag};
+use crate::messages::{ControlState, JointState, Measurement, frame_flag, joint_flag, trace_flag};
 use crate::motion::{ActingLimits, SpaceLimit, Workspace};
 use crate::servo::{MeasurementVerdict, SetPoint, View};
 use crate::time::{MonoNs, TICK};
@@ -80,6 +80,9 @@ const NO_MORE_FRAMES: Finish = Finish {
     outcome: Outcome::NotConverged,
     reason: "the camera said that its last frame has come, before the goal was reached",
 };
+/// The end of a run whose arm was recorded.
+const MOTION_OVER: Finish =
+    Finish { outcome: Outcome::Finished, reason: "the recorded motion of the arm is over" };
 const CONVERGED: Finish = Finish { outcome: Outcome::Converged, reason: "the goal was reached and held" };
 
 /// The mission of one run.
@@ -367,6 +370,9 @@ impl<const N: usize> Mission<N> {
         }
         if held {
             return Some(CONVERGED);
+        }
+        if trace.inputs & trace_flag::MOTION_OVER != 0 {
+            return Some(MOTION_OVER);
         }
         if self.last_frame_seen {
             return Some(if self.plan.closed_loop { NO_MORE_FRAMES } else { LAST_FRAME });

@@ -9,6 +9,7 @@
 //! latencies
 //! deadline to command: histogram
 //! cameras
+//! robot, restarts                                              where there is something to tell
 //! events, the newest below
 //! keys, or a question                                          at the bottom
 //! ```
@@ -52,7 +53,8 @@ pub fn draw(view: &RunView, now: MonoNs, asks: bool, (columns, rows): (usize, us
     error_curve(&mut screen, view, (HEAD, right), (columns.saturating_sub(right), curve));
     joint_rows(&mut screen, view, (HEAD + curve, right), (columns.saturating_sub(right), pictures - curve));
     let mut row = HEAD + pictures;
-    for line in [latencies(view), cameras(view, now)] {
+    let known = robot_and_restarts(view);
+    for line in [Some(latencies(view)), Some(cameras(view, now)), known].into_iter().flatten() {
         screen.text(row, 0, &line.0, line.1);
         row += 1;
     }
@@ -332,6 +334,21 @@ fn cameras(view: &RunView, now: MonoNs) -> StyledLine {
         );
     }
     (text, style)
+}
+
+/// What the robot is beside its joints, and how often processes were started anew; `None` where neither is known of.
+fn robot_and_restarts(view: &RunView) -> Option<StyledLine> {
+    let robot = view.robot_row();
+    let [camera, vision] = view.restarts();
+    let anew = (camera + vision > 0).then(|| format!("started anew: camera {camera}, vision {vision} times"));
+    let style = match (robot.as_ref().is_none_or(|row| row.obeys), &anew) {
+        (false, _) => CellStyle::Bad,
+        (true, Some(_)) => CellStyle::Doubtful,
+        (true, None) => CellStyle::Plain,
+    };
+    let robot = robot.map(|row| format!("robot  {}", row.words));
+    let words: Vec<_> = robot.into_iter().chain(anew).collect();
+    (!words.is_empty()).then(|| (words.join("   "), style))
 }
 
 fn foot(screen: &mut Screen, view: &RunView, asks: bool) {

@@ -11,12 +11,14 @@
 mod draw;
 mod keys;
 mod plot;
+mod robot_row;
 mod run_view;
 mod screen;
 mod snapshot;
 
 pub use draw::draw;
 pub use keys::{MonitorKeys, MonitorOrder};
+pub use robot_row::RobotRow;
 pub use run_view::{CellFacts, RunView, WatchedRecord};
 pub use screen::{CellStyle, Screen};
 pub use snapshot::{DeadlineTimes, HealthRow, JointRow, ProcessRow, RunFacts, RunSnapshot, StageTimes};

@@ -3,8 +3,8 @@
 use crate::control::safety::Fault;
 use crate::control::trace::event_words;
 use crate::messages::{
-    CameraHealth, CameraId, CameraState, ControlState, Measurement, Status, TargetStatus, TraceMsg,
-    trace_flag,
+    CameraHealth, CameraId, CameraState, ControlState, DriveCommandMsg, DriveStateMsg, Measurement,
+    RequestMsg, RobotState, Status, TargetStatus, TraceMsg, trace_flag,
 };
 use crate::report::histogram::SpanHistogram;
 use crate::report::run_page::JointSummary;
@@ -58,6 +58,12 @@ pub enum WatchedRecord<'a> {
     Measurement(&'a Measurement),
     /// How a real camera stands.
     Health(CameraId, &'a CameraHealth),
+    /// A request of a client, and its answer.
+    Request(&'a RequestMsg),
+    /// A command to an external drive.
+    DriveCommand(&'a DriveCommandMsg),
+    /// A state of an external drive.
+    DriveState(&'a DriveStateMsg),
 }
 
 /// A record, and when it came by the watcher's own clock.
@@ -75,6 +81,10 @@ pub struct RunView {
     pub(super) trace: Option<TraceMsg>,
     pub(super) measurement: Option<Newest<Measurement>>,
     pub(super) health: BTreeMap<u32, CameraHealth>,
+    /// What the robot is beside its joints, as control heard it last.
+    pub(super) robot: RobotState,
+    /// The maker's code for a state, as the drive told it last.
+    pub(super) robot_code: Option<(RobotState, u32)>,
     /// Where each point of the goal is to be, px, by its number.
     pub(super) goal_px: BTreeMap<u32, [f64; 2]>,
     /// Where each point was.
@@ -116,6 +126,9 @@ impl RunView {
             WatchedRecord::Tick(tick) => self.tick(tick),
             WatchedRecord::Measurement(measurement) => self.measurement(measurement, now),
             WatchedRecord::Health(camera, health) => self.health(*camera, health),
+            WatchedRecord::DriveState(state) => self.drive_state(state),
+            // What came of requests stands in the state and in the events of ticks, commands too.
+            WatchedRecord::Request(_) | WatchedRecord::DriveCommand(_) => {}
         }
         false
     }
@@ -125,6 +138,15 @@ impl RunView {
         let before = self.status.replace(Newest { record: *record, came: now }).map(|newest| newest.record);
         self.origin = Some(record.stamp - SpanNs::from_s(record.time_s));
         let camera = |status: &Status| CameraState::from_code(status.camera_state);
+        let restarts = [
+            ("camera", before.map(|b| b.camera_restarts), record.camera_restarts),
+            ("vision", before.map(|b| b.vision_restarts), record.vision_restarts),
+        ];
+        for (who, before, now) in restarts {
+            if before.is_some_and(|before| before != now) {
+                self.event(record.time_s, format!("{who} was started anew, {now} times by now"));
+            }
+        }
         if before.as_ref().is_some_and(|b| camera(b) != camera(record)) {
             self.event(record.time_s, format!("camera {}", camera(record).as_str()));
         }
@@ -138,6 +160,16 @@ impl RunView {
             self.unseen += record.sequence.saturating_sub(next);
         }
         self.sequence = Some(record.sequence);
+        let robot = RobotState::from_code(trace_flag::robot_state_of(record.flags));
+        if std::mem::replace(&mut self.robot, robot) != robot {
+            self.event(
+                time_s,
+                format!(
+                    "robot: {}",
+                    self.robot_row().map_or("its drive does not tell".into(), |row| row.words)
+                ),
+            );
+        }
         let before = self.trace.replace(*record);
         if let Some(before) = before.filter(|b| b.state != record.state) {
             let [from, to] = [before.state, record.state].map(|code| ControlState::from_code(code).as_str());
@@ -183,6 +215,11 @@ impl RunView {
     /// Takes in how a real camera stands.
     pub fn health(&mut self, camera: CameraId, record: &CameraHealth) {
         self.health.insert(u32::from(camera.0), *record);
+    }
+
+    /// How often camera and vision were started anew.
+    pub(super) fn restarts(&self) -> [u32; 2] {
+        self.status.map_or([0; 2], |newest| [newest.record.camera_restarts, newest.record.vision_restarts])
     }
 
     /// Takes in where the points of the goal are to be, px.

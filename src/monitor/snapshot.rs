@@ -1,6 +1,7 @@
 //! A run at one moment, as the page of `vservo watch` is told it: numbers in the units that stand in their names; what is not known is `null`.
 
 use super::draw::{EDGES_US, tick_counts};
+use super::robot_row::RobotRow;
 use super::run_view::RunView;
 use crate::control::outcome::Outcome;
 use crate::control::safety::Fault;
@@ -163,6 +164,8 @@ pub struct RunSnapshot {
     pub blind_for_s: Option<f64>,
     /// How often camera and vision were started anew.
     pub restarts: [u32; 2],
+    /// What the robot is beside its joints, where its drive tells.
+    pub robot: Option<RobotRow>,
     /// The real cameras.
     pub health: Vec<HealthRow>,
     /// The joints.
@@ -258,7 +261,8 @@ impl RunView {
             target: measurement.map(|m| m.target_status().as_str()),
             reprojection_rms_px: measurement.map_or(f64::NAN, |m| m.reprojection_rms_px),
             blind_for_s: self.blind_for_s(now).filter(|_| self.ended.is_none()),
-            restarts: [s.camera_restarts, s.vision_restarts],
+            restarts: self.restarts(),
+            robot: self.robot_row(),
             health: self.health_rows(),
             joints: self.joint_rows(),
             features: features.map(|f| (f.id, tenth(f.u_px), tenth(f.v_px))).collect(),

@@ -292,6 +292,14 @@ pub enum ProcessError {
         /// Why.
         cause: Box<ReplayError>,
     },
+    /// The recording of an arm cannot be replayed as the drive of this run.
+    #[error("drive.replay.recording: {path}: {what}", path = path.display())]
+    DriveRecording {
+        /// The recording.
+        path: PathBuf,
+        /// What is wrong with it.
+        what: String,
+    },
     /// A thread or a child process cannot be started.
     #[error("cannot start {what}: {cause}")]
     Start {
@@ -369,6 +377,7 @@ impl ProcessError {
             | Self::Write { .. }
             | Self::Recording(_)
             | Self::Replay { .. }
+            | Self::DriveRecording { .. }
             | Self::DriveJoints { .. }
             | Self::DriveMode { .. }
             | Self::DriveState { .. }

@@ -20,7 +20,7 @@ use tracing::{error, info};
 pub(super) const OUTLIVES: SpanNs = SpanNs(3_000_000_000);
 
 /// Whether a run of `config` has a guardian: an arm in control's own process stands when that does, and simulated time waits for everybody.
-pub(super) fn is_wanted(config: &Config) -> bool {
+pub(crate) fn is_wanted(config: &Config) -> bool {
     config.safety.guardian && config.clock == Clock::Realtime && config.drive.kind == DriveKind::External
 }
 

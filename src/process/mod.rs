@@ -22,6 +22,8 @@ mod leftovers;
 #[cfg(feature = "cli")]
 mod membership;
 #[cfg(feature = "cli")]
+mod open_recording;
+#[cfg(feature = "cli")]
 mod priority;
 #[cfg(feature = "cli")]
 pub mod recorded_report;
@@ -53,6 +55,8 @@ pub use error::ProcessError;
 pub(crate) use leftovers::LeftoversGuard;
 #[cfg(feature = "cli")]
 pub use membership::Membership;
+#[cfg(feature = "cli")]
+pub use open_recording::OpenRecording;
 #[cfg(feature = "cli")]
 pub use report_folder::{NewReport, ReportFolder};
 #[cfg(feature = "cli")]

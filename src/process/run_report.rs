@@ -110,7 +110,7 @@ fn described(config: &Config, summary: &Summary, commands: &[String]) -> RunReco
         seed: summary.seed,
         commands: commands.to_vec(),
         simulated_time: config.clock == Clock::Lockstep,
-        has_arm: config.closes_the_loop(),
+        has_arm: config.has_an_arm(),
         eye_in_hand: matches!(config.camera.mount, Mount::EyeInHand { .. }),
         gravity_B: config.robot.gravity_B.into(),
         joints: config.robot.joints.iter().map(JointSummary::of).collect(),

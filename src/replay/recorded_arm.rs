@@ -14,6 +14,8 @@ struct Then<const N: usize> {
     health: DriveHealth,
     /// Whether the state came late.
     late: bool,
+    /// Whether it was the last one of an arm that was recorded then.
+    over: bool,
 }
 
 /// A drive that gives back what was recorded; a copy is the other end of the same one.
@@ -24,7 +26,7 @@ impl<const N: usize> RecordedArm<N> {
     pub(super) fn new() -> Self {
         let zero = SVector::zeros();
         let state = DriveState { q: zero, qd: zero, truth: None };
-        Self(Arc::new(Mutex::new(Then { state, health: DriveHealth::default(), late: false })))
+        Self(Arc::new(Mutex::new(Then { state, health: DriveHealth::default(), late: false, over: false })))
     }
 
     /// The next state and fault are those of the tick of `trace`.
@@ -36,6 +38,7 @@ impl<const N: usize> RecordedArm<N> {
             qd: vector(&trace.qd),
             truth: truth.then(|| (vector(&trace.q_true), vector(&trace.qd_true))),
         };
+        then.over = trace.flags & trace_flag::MOTION_OVER != 0;
         then.late = trace.flags & trace_flag::LATE_STATE != 0;
         then.health.robot.state = RobotState::from_code(trace_flag::robot_state_of(trace.flags));
         then.health.fault = match reported_fault(trace) {
@@ -71,6 +74,10 @@ impl<const N: usize> Drive<N> for RecordedArm<N> {
 
     fn health(&self) -> DriveHealth {
         self.then().health
+    }
+
+    fn is_over(&self) -> bool {
+        self.then().over
     }
 }
 

@@ -1,10 +1,12 @@
 //! A source whose levels are made proportional to light before anybody sees them.
 
 use super::{
-    Captured, Exposure, Filled, FreeRunningSource, Position, ScheduledSource, SourceError, SourceHealth,
+    Captured, Exposure, Filled, FreeRunningSource, NextInstant, Position, ScheduledSource, SourceError,
+    SourceHealth,
 };
 use crate::camera_model::LevelTable;
 use crate::messages::JointState;
+use crate::time::MonoNs;
 use std::time::Duration;
 
 /// A source and what makes its levels linear.
@@ -22,6 +24,14 @@ impl ScheduledSource for Linearized<dyn ScheduledSource> {
         let position = self.source.expose(exposure, out)?;
         self.table.apply(out);
         Ok(position)
+    }
+
+    fn next_instant(&self) -> NextInstant {
+        self.source.next_instant()
+    }
+
+    fn stamped(&self, exposure: &Exposure) -> MonoNs {
+        self.source.stamped(exposure)
     }
 }
 

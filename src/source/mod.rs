@@ -9,6 +9,7 @@
 //! ```
 
 mod count;
+mod dated;
 pub mod external;
 mod image_file;
 mod linear;
@@ -18,6 +19,7 @@ mod stamp;
 pub mod v4l2;
 
 pub use crate::scene::Exposure;
+use dated::DatedCamera;
 pub use image_file::{encode_png, load_image};
 use linear::Linearized;
 pub use recording::{RecordedCamera, RecordedTopic};
@@ -150,6 +152,17 @@ impl SourceError {
     }
 }
 
+/// When a triggered source has its next frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum NextInstant {
+    /// Whenever it is told to.
+    Any,
+    /// At this instant.
+    At(MonoNs),
+    /// Never more.
+    Never,
+}
+
 /// A source of frames whose exposures are triggered.
 pub trait ScheduledSource {
     /// Tells where the arm is; in the order of time.
@@ -160,6 +173,11 @@ pub trait ScheduledSource {
     /// # Errors
     /// [`SourceError`]; the source cannot go on after it.
     fn expose(&mut self, exposure: &Exposure, out: &mut [u8]) -> Result<Position, SourceError>;
+
+    /// When it has its next frame, by the clock of the run; asked for in real time alone.
+    fn next_instant(&self) -> NextInstant {
+        NextInstant::Any
+    }
 
     /// The middle of `exposure`, which was the last one, as the source knows it: of a frame that is a duplicate that of the one before.
     fn stamped(&self, exposure: &Exposure) -> MonoNs {
@@ -283,10 +301,12 @@ pub fn open(config: &Config) -> Result<AnySource, SourceError> {
                 }
                 config::ReplayImages::Recording { file, topic } => {
                     let (topic, camera) = (topic.as_deref(), config.camera.id);
-                    Box::new(RecordedCamera::open(
-                        file,
-                        &RecordedTopic { topic, camera, size_px, repeat, strict },
-                    )?)
+                    let wanted = RecordedTopic { topic, camera, size_px, repeat, strict };
+                    // Beside a recorded arm each image is shown when it was taken.
+                    match config.drive.kind {
+                        config::DriveKind::Replay => Box::new(DatedCamera::open(file, &wanted)?),
+                        _ => Box::new(RecordedCamera::open(file, &wanted)?),
+                    }
                 }
             };
             match table {

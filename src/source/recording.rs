@@ -23,12 +23,20 @@ pub struct RecordedCamera {
     reader: RecordingReader<BufReader<File>>,
     decoder: GreyImages,
     /// The image that the next exposure shows: decoded before, so that the last good one is known to be the last.
-    ahead: Option<Vec<u8>>,
+    ahead: Option<RecordedImage>,
     repeat: bool,
     strict: bool,
     left_out: usize,
     /// Whether an image was good in this round.
     has_played: bool,
+}
+
+/// A recorded image.
+pub(super) struct RecordedImage {
+    /// Its grey levels, row by row.
+    pub(super) grey: Vec<u8>,
+    /// The stamp of its message, ns.
+    pub(super) stamp_ns: u64,
 }
 
 /// Which images are played, and how.
@@ -72,7 +80,7 @@ impl RecordedCamera {
     }
 
     /// The next good image; `None` at the end.
-    fn next_image(&mut self) -> Result<Option<Vec<u8>>, SourceError> {
+    fn next_image(&mut self) -> Result<Option<RecordedImage>, SourceError> {
         loop {
             let message = self.reader.next_message().map_err(|e| recording(&self.path, &e))?;
             let Some(message) = message else {
@@ -89,9 +97,9 @@ impl RecordedCamera {
                 continue;
             }
             match self.decoder.grey(&self.path, &message) {
-                Ok(image) => {
+                Ok(grey) => {
                     self.has_played = true;
-                    return Ok(Some(image));
+                    return Ok(Some(RecordedImage { grey, stamp_ns: message.stamp_ns }));
                 }
                 // The first image tells whether the camera is that of the recording.
                 Err(error) if self.strict || !self.has_played && self.left_out == 0 => return Err(error),
@@ -103,7 +111,18 @@ impl RecordedCamera {
         }
     }
 
-    fn failed(&self, what: String) -> SourceError {
+    /// The image ahead is taken, and the next one looked at.
+    pub(super) fn advance(&mut self) -> Result<Option<RecordedImage>, SourceError> {
+        let next = self.next_image()?;
+        Ok(std::mem::replace(&mut self.ahead, next))
+    }
+
+    /// The stamp of the image ahead, ns; `None` at the end.
+    pub(super) fn ahead_ns(&self) -> Option<u64> {
+        self.ahead.as_ref().map(|image| image.stamp_ns)
+    }
+
+    pub(super) fn failed(&self, what: String) -> SourceError {
         SourceError::Recording { file: self.path.clone(), what }
     }
 }
@@ -112,20 +131,19 @@ impl ScheduledSource for RecordedCamera {
     fn arm(&mut self, _state: &JointState) {}
 
     fn expose(&mut self, _exposure: &Exposure, out: &mut [u8]) -> Result<Position, SourceError> {
-        let Some(grey) = self.ahead.take() else { return Ok(Position::Last) };
+        let Some(RecordedImage { grey, .. }) = self.advance()? else { return Ok(Position::Last) };
         if out.len() == grey.len() {
             out.copy_from_slice(&grey);
         }
-        self.ahead = self.next_image()?;
         Ok(if self.ahead.is_some() { Position::Running } else { Position::Last })
     }
 }
 
-fn recording(path: &Path, error: &RecordingError) -> SourceError {
+pub(super) fn recording(path: &Path, error: &RecordingError) -> SourceError {
     SourceError::Recording { file: path.into(), what: error.to_string() }
 }
 
-fn open(path: &Path) -> Result<RecordingReader<BufReader<File>>, SourceError> {
+pub(super) fn open(path: &Path) -> Result<RecordingReader<BufReader<File>>, SourceError> {
     let file = image_file::open_plain(path)?;
     RecordingReader::open(BufReader::new(file)).map_err(|e| recording(path, &e))
 }

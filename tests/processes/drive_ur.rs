@@ -4,7 +4,9 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stdout)] // what is skipped is told
 
 use crate::common::{Instance, Run, assert_accurate, kill, number, read_summary, run, vservo, wait_until};
+use crate::foxglove::Viewer;
 use crate::serve::Daemon;
+use crate::watch::{Events, Watch};
 use serde_json::Value;
 use std::net::{IpAddr, Ipv4Addr};
 use std::path::Path;
@@ -131,6 +133,9 @@ fn a_served_robot_comes_back_by_a_reset() {
     let daemon = Daemon::start("urserved", &[&slow[..], &PATIENT].concat());
     let status = || daemon.ctl("status").1;
     wait_until("a robot that is ready", || status()["robot_state"] == "ready");
+    let watch = Watch::start(&daemon.instance.name, &[]);
+    let (mut page, mut viewer) = (Events::of(&watch), Viewer::of(&watch));
+    ["/drive/state", "/drive/command"].iter().for_each(|topic| viewer.subscribe(topic));
     daemon.accepts("start");
     wait_until("a moving arm", || moves(&robot));
     wait_until("a robot that says so", || status()["robot_state"] == "moving");
@@ -139,6 +144,18 @@ fn a_served_robot_comes_back_by_a_reset() {
     let answer = status();
     assert!(answer["fault"].as_str().unwrap().contains("protective stop"), "{answer}");
     assert_eq!((&answer["robot_state"], &answer["robot_code"]), (&"protective_stop".into(), &703.into()));
+    let told = page.until(|now, _| now["now"]["robot"]["obeys"] == false);
+    assert_eq!(told["now"]["robot"]["words"], "protective stop (code 703)", "{told}");
+    assert!(
+        page.events.iter().any(|event| event == "robot: protective stop (code 703)"),
+        "{:?}",
+        page.events
+    );
+    viewer.until("records of the drive", |viewer| {
+        viewer.count("/drive/state") > 2 && viewer.count("/drive/command") > 2
+    });
+    drop((page, viewer));
+    watch.ended();
     assert_at_rest(&robot);
     let q = robot.arm().0;
     daemon.refuses("start", "reset");

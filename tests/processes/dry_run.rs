@@ -1,10 +1,14 @@
-//! Runs without an arm, `drive.kind = "none"`: vision and law go, nothing moves, and the requested velocity of the camera is shown.
+//! Runs without an arm, `drive.kind = "none"`: vision and law go, nothing moves, and the requested velocity of the camera is shown. And runs of an arm that was
+//! recorded, `drive.kind = "replay"`: it moves as it did, whatever it is told.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, non_snake_case)] // helpers of tests are tests
 
-use crate::common::{Instance, vservo};
+use crate::common::{Instance, run as run_with, vservo};
 use serde_json::Value;
+use std::path::{Path, PathBuf};
 use vservo::config::{Config, assemble};
+use vservo::messages::{ControlState, TraceMsg};
+use vservo::record::RecordingReader;
 use vservo::sim;
 
 fn config(set: &[&str]) -> Result<Config, vservo::config::ConfigError> {
@@ -112,4 +116,143 @@ fn the_run_files_of_real_cameras_are_accepted() {
     }
     assert!(!hand.closes_the_loop());
     assert!(cell.closes_the_loop());
+}
+
+/// The ticks of a recording.
+fn ticks(path: &Path) -> Vec<TraceMsg> {
+    let mut reader = RecordingReader::open(std::fs::File::open(path).unwrap()).unwrap();
+    let mut ticks = Vec::new();
+    while let Some(message) = reader.next_message().unwrap() {
+        if message.topic() == "/control/trace" {
+            ticks.push(message.record().unwrap());
+        }
+    }
+    ticks
+}
+
+/// Records the default run in lockstep.
+fn recorded(name: &str, folder: &Path) -> PathBuf {
+    let path = folder.join("cell.mcap");
+    let made = run_with(name, &["--clock", "lockstep", "--record", path.to_str().unwrap()]);
+    assert_eq!(made.output.status.code(), Some(0), "{}", made.text());
+    path
+}
+
+/// Arm and camera of a recording.
+fn replayed(path: &Path) -> [String; 4] {
+    let path = path.display();
+    [
+        "drive.kind=replay".into(),
+        format!("drive.replay.recording={path}"),
+        "camera.source=replay".into(),
+        format!("camera.replay.recording={path}"),
+    ]
+}
+
+#[test]
+fn a_recorded_cell_is_commanded_as_it_was_and_moves_as_it_did() {
+    let folder = tempfile::tempdir().unwrap();
+    let cell = recorded("dry-cell", folder.path());
+    let again = |name: &str, more: &[&str]| {
+        let dry = folder.path().join(format!("{name}.mcap"));
+        let mut arguments = vec!["--clock", "lockstep", "--record", dry.to_str().unwrap()];
+        let settings = replayed(&cell);
+        for set in settings.iter().map(String::as_str).chain(more.iter().copied()) {
+            arguments.extend(["--set", set]);
+        }
+        let made = run_with(name, &arguments);
+        assert_eq!(made.output.status.code(), Some(0), "{}", made.text());
+        assert_eq!(made.summary["outcome"], "finished", "{}", made.summary);
+        assert_eq!(made.summary["reason"], "the recorded motion of the arm is over");
+        (ticks(&dry), dry)
+    };
+    let then = ticks(&cell);
+    let (same, dry) = again("dry-same", &[]);
+    let (other, _) = again("dry-other", &["servo.gain_1_s=5", "drive.mode=velocity"]);
+    for now in [&same, &other] {
+        // The order to end takes a tick.
+        assert!((then.len()..=then.len() + 1).contains(&now.len()), "{} of {}", now.len(), then.len());
+        for (a, b) in then.iter().zip(now) {
+            assert_eq!(
+                (a.tick, a.q, a.qd, a.frame_id, a.exposure),
+                (b.tick, b.q, b.qd, b.frame_id, b.exposure)
+            );
+        }
+    }
+    // A goal that is reached ends the one and not the other.
+    let until = then.iter().position(|t| t.state == ControlState::Converged as u32 || t.orders > 2);
+    let until = until.unwrap_or(then.len());
+    assert!(until > 1000, "{until}");
+    for (a, b) in then.iter().zip(&same).take(until) {
+        assert_eq!((a.q_r, a.qd_r, a.tau), (b.q_r, b.qd_r, b.tau), "tick {}", a.tick);
+    }
+    assert!(then.iter().zip(&other).take(until).any(|(a, b)| a.qd_r != b.qd_r));
+    let replay = vservo().arg("replay").arg(&dry).output().unwrap();
+    let told = String::from_utf8_lossy(&replay.stdout);
+    assert!(replay.status.success() && told.starts_with("identical"), "{told}");
+}
+
+#[test]
+fn a_recorded_arm_moves_by_the_clock_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let cell = recorded("dry-clock-cell", folder.path());
+    let dry = folder.path().join("dry.mcap");
+    let mut arguments = vec!["--clock", "realtime", "--record", dry.to_str().unwrap()];
+    let settings = replayed(&cell);
+    for set in &settings {
+        arguments.extend(["--set", set]);
+    }
+    let made = run_with("dry-clock", &arguments);
+    assert_eq!(made.summary["reason"], "the recorded motion of the arm is over", "{}", made.text());
+    let (then, now) = (ticks(&cell), ticks(&dry));
+    assert_eq!(now.last().unwrap().q, then.last().unwrap().q);
+    // Each state is that of the time since the begin, within a tick; a loaded machine misses some ticks.
+    let begin = now[0].stamp;
+    let mut seen = 0;
+    for tick in &now {
+        let since_ms = (tick.stamp - begin).0 as f64 * 1e-6;
+        let nearest = (since_ms.round() as usize).min(then.len() - 1);
+        let near = [nearest.saturating_sub(1), nearest, (nearest + 1).min(then.len() - 1)];
+        assert!(near.iter().any(|k| then[*k].q == tick.q), "at {since_ms} ms");
+        seen += usize::from(tick.frame_id > 0);
+    }
+    assert!(seen > 10, "{seen} measurements");
+}
+
+#[test]
+fn the_recording_of_another_arm_is_refused_with_both_lists() {
+    let folder = tempfile::tempdir().unwrap();
+    let cell = recorded("dry-arm", folder.path());
+    let [kind, recording, ..] = replayed(&cell);
+    let made = run_with("dry-ur5", &["ur5", "--set", &kind, "--set", &recording]);
+    assert_eq!(made.output.status.code(), Some(3), "{}", made.text());
+    let told = made.text();
+    assert!(told.contains("drive.replay.recording") && told.contains("its arm has the joints"), "{told}");
+    assert!(told.contains("shoulder_pan_joint") && told.contains("robot.model"), "{told}");
+}
+
+#[test]
+fn a_recorded_arm_takes_what_needs_no_obedience() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("a.mcap");
+    std::fs::write(&file, "").unwrap();
+    let (kind, file) = ("drive.kind=replay", format!("drive.replay.recording={}", file.display()));
+    let load = |set: &[&str]| {
+        Config::load(None, &set.iter().map(ToString::to_string).collect::<Vec<_>>())
+            .map_err(|error| error.to_string())
+    };
+    let config = load(&[kind, &file, "servo.scheme=image_pd"]).unwrap();
+    assert!(!config.closes_the_loop() && config.has_an_arm());
+    for (set, told) in [
+        ("drive.replay.recording=/nowhere.mcap", "drive.replay.recording: /nowhere.mcap is not a file"),
+        ("drive.replay.recording=''", "drive.replay.recording: is missing"),
+        ("run.serve=true", "run.serve"),
+        ("run.task=calibrate_load", "drive.kind: is `replay`"),
+        ("servo.scheme=look_and_move", "servo.scheme"),
+        ("camera.source=v4l2", "camera.source: does not show the motion of the recorded arm"),
+        ("servo.interaction=estimated", "servo.interaction"),
+    ] {
+        let error = load(&[kind, &file, set]).unwrap_err();
+        assert!(error.contains(told), "{set}: {error}");
+    }
 }

@@ -133,6 +133,27 @@ fn a_target_that_moves_or_is_hidden_is_named() {
     named("never_seen", &[("default", &["scene.dot_level=217.0"])]);
 }
 
+/// By its own motion, and by that of an arm whose camera is turned against its mount while nothing keeps the target in view.
+#[test]
+fn a_target_that_leaves_the_image_is_named() {
+    let (moves, not_kept) = ("scene.motion.kind=conveyor", "servo.visibility.guard=false");
+    named(
+        "left_the_image",
+        &[
+            (
+                "default",
+                &[
+                    not_kept,
+                    "servo.return_to_last_seen=false",
+                    "scene.camera.mount.rotation_rpy_rad=[0.0,0.0,1.1]",
+                ],
+            ),
+            ("default", &[moves, "scene.motion.velocity_m_s=[0.0,-1.5,0.0]", "run.seed=12"]),
+            ("ur5", &[moves, "scene.motion.velocity_m_s=[1.2,0.0,0.0]"]),
+        ],
+    );
+}
+
 #[test]
 fn what_stops_a_joint_is_named() {
     named(

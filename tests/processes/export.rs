@@ -178,6 +178,57 @@ fn the_official_reader_finds_the_cell_in_an_export() {
     }
 }
 
+/// A Python whose rerun can convert files, if there is one.
+fn rerun() -> Option<std::path::PathBuf> {
+    let python = std::env::var_os("VSERVO_PYTHON").unwrap_or_else(|| "python3".into());
+    let output = Command::new(&python).args(["-m", "rerun", "mcap", "--help"]).output();
+    if output.as_ref().is_ok_and(|o| o.status.success()) {
+        return Some(python.into());
+    }
+    assert!(std::env::var_os("VSERVO_REQUIRE_RERUN").is_none(), "{}: {output:?}", python.display());
+    println!("skipped: {} has no rerun-sdk", python.display());
+    None
+}
+
+/// What rerun takes for what is told by its own program: the names of its archetypes by topic.
+#[test]
+fn rerun_knows_images_arm_camera_and_log_by_itself() {
+    let Some(python) = rerun() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let recording = recorded("ur5", folder.path());
+    let (out, converted) = (folder.path().join("rerun.mcap"), folder.path().join("run.rrd"));
+    let told = export(&recording, "rerun", &out);
+    assert!(told.contains("/camera/0/frame ") && !told.contains("annotations"), "{told}");
+    // Its settings, and what it writes down of its use, are not those of whoever runs the test.
+    let of_rerun = |arguments: &[&std::ffi::OsStr]| {
+        let mut command = Command::new(&python);
+        command
+            .args(["-m", "rerun"])
+            .args(arguments)
+            .env("HOME", folder.path())
+            .env("XDG_CONFIG_HOME", folder.path());
+        let output = command.env("NO_COLOR", "1").output().unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        String::from_utf8_lossy(&output.stdout).into_owned()
+    };
+    of_rerun(&["mcap".as_ref(), "convert".as_ref(), out.as_os_str(), "-o".as_ref(), converted.as_os_str()]);
+    let chunks = of_rerun(&["rrd".as_ref(), "print".as_ref(), converted.as_os_str()]);
+    for (topic, archetype) in [
+        ("/camera/0/frame", "EncodedImage:blob"),
+        ("/camera/0/camera_info", "Pinhole:image_from_camera"),
+        ("/tf", "Transform3D:translation"),
+        ("/tf_static", "Transform3D:translation"),
+        ("/joint_states/position", "Scalars:scalars"),
+        ("/rosout", "TextLog:text"),
+        ("/control/trace", "vservo.msg.Trace:message"),
+    ] {
+        let of_topic = format!(" - {topic} - ");
+        let is_there = chunks.lines().any(|line| line.contains(&of_topic) && line.contains(archetype));
+        assert!(is_there, "{topic} has no {archetype}: {chunks}");
+    }
+    assert!(!chunks.contains("DepthImage"), "a grey image is no depth: {chunks}");
+}
+
 #[test]
 fn tables_have_units_and_every_bit() {
     let folder = tempfile::tempdir().unwrap();

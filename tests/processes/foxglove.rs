@@ -14,7 +14,7 @@ use tungstenite::client::IntoClientRequest;
 use tungstenite::{Message, WebSocket};
 
 /// A viewer, what it was told of channels, and the messages that it was sent, by topic.
-struct Viewer {
+pub(crate) struct Viewer {
     socket: WebSocket<TcpStream>,
     name: String,
     channels: BTreeMap<String, Value>,
@@ -36,7 +36,7 @@ fn connect(watch: &Watch, headers: &[(&'static str, &str)]) -> Result<WebSocket<
 }
 
 impl Viewer {
-    fn of(watch: &Watch) -> Self {
+    pub(crate) fn of(watch: &Watch) -> Self {
         let socket = connect(watch, &[("Sec-WebSocket-Protocol", "foxglove.websocket.v1")]).unwrap();
         Self {
             socket,
@@ -83,7 +83,7 @@ impl Viewer {
         }
     }
 
-    fn until(&mut self, what: &str, is: impl Fn(&Self) -> bool) {
+    pub(crate) fn until(&mut self, what: &str, is: impl Fn(&Self) -> bool) {
         for _ in 0..100_000 {
             if is(self) {
                 return;
@@ -93,7 +93,7 @@ impl Viewer {
         panic!("{what}: {:?}", self.channels.keys());
     }
 
-    fn subscribe(&mut self, topic: &str) {
+    pub(crate) fn subscribe(&mut self, topic: &str) {
         self.until(topic, |viewer| viewer.channels.contains_key(topic));
         let id = 100 + self.subscribed.len() as u32;
         let channel = &self.channels[topic]["id"];
@@ -102,7 +102,7 @@ impl Viewer {
         self.send(&wish);
     }
 
-    fn count(&self, topic: &str) -> usize {
+    pub(crate) fn count(&self, topic: &str) -> usize {
         self.messages.get(topic).map_or(0, Vec::len)
     }
 }
@@ -138,8 +138,13 @@ fn a_program_that_speaks_the_protocol_is_sent_what_it_asks_for() {
     // A page of others may not read along.
     let evil = [("Sec-WebSocket-Protocol", "foxglove.websocket.v1"), ("Origin", "https://evil.example")];
     assert!(connect(&watch, &evil).unwrap_err().contains("403"));
-    daemon.accepts("start");
     late.subscribe("/rosout");
+    late.subscribe("/control/request");
+    // Wishes are heard in their order: who is sent states is sent requests too.
+    late.subscribe("/control/status");
+    late.until("a state", |viewer| viewer.count("/control/status") > 0);
+    daemon.accepts("start");
+    late.until("the start", |viewer| viewer.count("/control/request") == 1);
     wait_until("servoing", || daemon.state() != "idle");
     daemon.accepts("shutdown");
     watch.wait_for("waits for one");

@@ -88,15 +88,15 @@ fn answer(mut stream: TcpStream) -> (String, String, Vec<u8>) {
 }
 
 /// A viewer's stream of numbers.
-struct Events {
+pub(crate) struct Events {
     lines: std::io::Lines<BufReader<TcpStream>>,
     facts: Value,
     errors: Vec<(f64, f64)>,
-    events: Vec<String>,
+    pub(crate) events: Vec<String>,
 }
 
 impl Events {
-    fn of(watch: &Watch) -> Self {
+    pub(crate) fn of(watch: &Watch) -> Self {
         let stream = watch.request(&format!("/events?{}", watch.query));
         let lines = BufReader::new(stream).lines();
         Self { lines, facts: Value::Null, errors: Vec::new(), events: Vec::new() }
@@ -125,7 +125,7 @@ impl Events {
     }
 
     /// The first message of which `is` is true.
-    fn until(&mut self, is: impl Fn(&Value, &Self) -> bool) -> Value {
+    pub(crate) fn until(&mut self, is: impl Fn(&Value, &Self) -> bool) -> Value {
         loop {
             let message = self.next().expect("the stream goes on");
             if is(&message, self) {

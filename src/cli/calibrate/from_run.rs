@@ -1,6 +1,5 @@
 //! `vservo calibrate from`: a recording or a report -> what it tells of lens, mount, stamps and target.
 
-use super::super::replay::OpenRecording;
 use super::super::{check_writable, json, shown, write_result};
 use super::CalibrateError;
 use crate::calibration::from_run::{RunCell, RunRefinement, RunViews, SeenPoint, SeenView, refine_from_run};
@@ -10,7 +9,7 @@ use crate::explain::RunEvidence;
 use crate::geometry::Pose;
 use crate::input::printable;
 use crate::messages::{JointState, Measurement};
-use crate::process::{ProcessError, recorded_report};
+use crate::process::{OpenRecording, ProcessError, recorded_report};
 use crate::record::RecordingReader;
 use crate::replay::ReplayError;
 use crate::robot::Robot;
@@ -77,7 +76,7 @@ fn refusal(config: &Config) -> Option<&'static str> {
         Some(
             "the run has several cameras: `vservo calibrate stereo` calibrates a pair, runs of one camera are refined",
         )
-    } else if !config.closes_the_loop() || config.drive.kind == crate::config::DriveKind::None {
+    } else if !config.closes_the_loop() {
         Some("no arm moved in this run: what a mount and a size are shows by its joints alone")
     } else if config.scene.as_ref().is_some_and(|scene| scene.motion != SceneMotion::Still) {
         Some("the target moved in this run: it must rest on what it is fixed to")

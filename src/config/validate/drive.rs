@@ -2,6 +2,7 @@
 
 use super::start::load;
 use crate::config::check::Validation;
+use crate::config::frame_source::SourceKind;
 use crate::config::raw::{DriveKind, RawConfig, RawSimulated, SchemeKind, Task};
 use crate::config::{DriveProgram, DriveSettings, SimulatedArm};
 use crate::drive::{
@@ -88,7 +89,13 @@ pub(super) fn drive(
         answer_timeout: SpanNs::from_s(answer_timeout_s),
         connect_timeout: SpanNs::from_s(connect_timeout_s),
     };
-    DriveSettings { kind: d.kind, mode: mode(raw, check), simulated, external }
+    DriveSettings {
+        kind: d.kind,
+        mode: mode(raw, check),
+        simulated,
+        external,
+        recording: d.replay.recording.clone(),
+    }
 }
 
 /// The load of the simulated arm.
@@ -194,6 +201,42 @@ pub(super) fn without_arm(raw: &RawConfig, check: &mut Validation<'_>) {
             "commands torques, which say nothing without an arm: with drive.kind = \"none\" use \
              position_resolved_velocity, image_resolved_velocity or hybrid",
         );
+    }
+}
+
+/// What a recorded arm needs, and what is not available with it, since it obeys nothing.
+pub(super) fn with_recorded_arm(raw: &RawConfig, check: &mut Validation<'_>) {
+    let recording = &raw.drive.replay.recording;
+    if recording.as_os_str().is_empty() {
+        check.wrong(
+            "drive.replay.recording",
+            "is missing: name the recording whose joint states are replayed",
+        );
+    } else if !recording.is_file() {
+        check.wrong("drive.replay.recording", format!("{} is not a file", recording.display()));
+    }
+    if raw.run.serve {
+        check.wrong("run.serve", "has nothing to tell an arm: drive.kind is `replay`; use vservo run");
+    }
+    if raw.run.task != Task::Servo {
+        check.wrong("drive.kind", "is `replay`: to calibrate, an arm must move as it is told");
+    }
+    let cameras = if raw.cameras.is_empty() { vec![&raw.camera] } else { raw.cameras.iter().collect() };
+    for camera in cameras {
+        let is_recorded = !camera.replay.recording.as_os_str().is_empty();
+        match camera.source {
+            SourceKind::Synthetic => {}
+            SourceKind::Replay if is_recorded => {
+                if camera.replay.repeat {
+                    check.wrong("camera.replay.repeat", "the arm of drive.kind = \"replay\" moves once");
+                }
+            }
+            _ => check.wrong(
+                "camera.source",
+                "does not show the motion of the recorded arm (drive.kind = \"replay\"): use `replay` with \
+                 camera.replay.recording, or `synthetic`",
+            ),
+        }
     }
 }
 

@@ -37,6 +37,9 @@ impl<const N: usize> Controller<N> {
         let command = self.gate.passed();
         let did = observed.filter(|_| self.gate.is_open()).map(|state| (state, &command));
         self.contact_watch.note(now, &self.arm.robot, &mut self.joint_control, did);
+        if !self.obeys {
+            return;
+        }
         if self.reaction == ContactReaction::Ignore {
             // What pushes the arm is no property of it: it would swing back by what was learnt.
             self.joint_control.pause_learning(self.contact_watch.is_touched());

@@ -73,6 +73,8 @@ pub struct Controller<const N: usize> {
     space: Option<SpaceBound<N>>,
     start: StartCheck<N>,
     max_tracking_error: f64,
+    /// Whether the arm does as it is told: see [`ControllerSettings::obeys`].
+    obeys: bool,
     mode: CommandMode,
     reference: Reference<N>,
     state: State,
@@ -141,6 +143,7 @@ impl<const N: usize> Controller<N> {
                 is_checked: false,
             },
             max_tracking_error: settings.max_tracking_error,
+            obeys: settings.obeys,
             state: State::Idle,
             has_returned: false,
             fault: None,
@@ -274,6 +277,8 @@ impl<const N: usize> Controller<N> {
         let Passed { command, cut, fault } = self.gate.pass(self.reference.state(), &tau, &bounded, gravity);
         self.joint_control.note_given(&self.arm.robot, &state.q, &command.tau);
         limits.add(Limit::Effort, cut);
+        // What does not reach the arm may wind up.
+        let fault = fault.filter(|fault| self.obeys || *fault != Fault::CommandsRefused);
         let in_space = self.watch_space(&measured);
         if let Some(fault) = fault.or(in_space).or_else(|| self.astray(&measured, &state.qd, &motion, seen)) {
             self.fail(fault);
@@ -380,7 +385,7 @@ impl<const N: usize> Controller<N> {
         motion: &TickMotion<N>,
         seen: bool,
     ) -> Option<Fault> {
-        if !seen {
+        if !seen || !self.obeys {
             return None;
         }
         let distance = (motion.now.q - state.q).amax();

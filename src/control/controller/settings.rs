@@ -30,6 +30,9 @@ pub struct ControllerSettings<const N: usize> {
     pub may_start_elsewhere: bool,
     /// Largest distance of a joint from its reference, rad or m.
     pub max_tracking_error: f64,
+    /// Whether the arm does as it is told. One that was recorded does not, so that nothing is concluded from what it does instead: no contact, jam, swing, distance from
+    /// its reference or frozen encoder, and no torques that were held back.
+    pub obeys: bool,
     /// What is done about a contact.
     pub reaction: ContactReaction,
     /// Limits in space, where there are some.
@@ -54,6 +57,7 @@ impl<const N: usize> ControllerSettings<N> {
             start_tolerance: 0.02,
             may_start_elsewhere: false,
             max_tracking_error: 0.1,
+            obeys: true,
             reaction: ContactReaction::Stop,
             space: None,
         }

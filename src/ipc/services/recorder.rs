@@ -12,7 +12,7 @@ use iceoryx2::prelude::{BackpressureStrategy, ZeroCopySend};
 use std::fmt::Debug;
 
 /// Requests that wait for a recorder: it looks two hundred times a second. Chosen by hand: eight clients that ask without a pause.
-const REQUEST_BUFFER: usize = 64;
+pub(super) const REQUEST_BUFFER: usize = 64;
 
 impl Services {
     /// A recorder's end of `camera/N/frame`.

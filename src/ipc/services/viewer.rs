@@ -1,18 +1,31 @@
 //! A view's ends of the services: of a run that is watched. They get what others get, and one place of each service is left free, so that however many
 //! watch, a recorder still finds one.
 
+use super::recorder::REQUEST_BUFFER;
 use super::{
-    Channel, HEALTH_BUFFER, IpcError, JOINT_STATE_BUFFER, MEASUREMENT_BUFFER, STATUS_RECORDER_BUFFER,
-    Services, TRACE_BUFFER, port_error,
+    Channel, DRIVE_RECORDER_BUFFER, HEALTH_BUFFER, IpcError, JOINT_STATE_BUFFER, MEASUREMENT_BUFFER,
+    STATUS_RECORDER_BUFFER, Services, TRACE_BUFFER, port_error,
 };
 use crate::ipc::frame_shape::MAX_READERS;
 use crate::ipc::{FrameShape, QuietFrameReceiver, Receiver};
-use crate::messages::{CameraHealth, CameraId, JointState, Measurement, Status, TraceMsg};
+use crate::messages::{
+    CameraHealth, CameraId, DriveCommandMsg, DriveStateMsg, JointState, Measurement, RequestMsg, Status,
+    TraceMsg,
+};
 use iceoryx2::prelude::{PortFactory, ZeroCopySend};
 use std::fmt::Debug;
 
 /// Measurements that wait for a view. Chosen by hand: more than half a second of any camera that the tests know, and views look twenty times a second.
 const VIEW_BUFFER: usize = 64;
+
+/// A view's ends of the services of an external drive.
+#[derive(Debug)]
+pub struct DriveViews {
+    /// That of `drive/command`.
+    pub commands: Receiver<DriveCommandMsg>,
+    /// That of `drive/state`.
+    pub states: Receiver<DriveStateMsg>,
+}
 
 impl Services {
     /// A view's end of `control/status`: the newest only.
@@ -61,6 +74,36 @@ impl Services {
     /// As for [`Self::status_view`].
     pub fn health_view(&self, camera: CameraId) -> Result<Receiver<CameraHealth>, IpcError> {
         self.view(Channel::Health(camera), HEALTH_BUFFER, HEALTH_BUFFER)
+    }
+
+    /// A view's end of `control/request`.
+    ///
+    /// # Errors
+    /// As for [`Self::status_view`].
+    pub fn request_view(&self) -> Result<Receiver<RequestMsg>, IpcError> {
+        self.view(Channel::Request, REQUEST_BUFFER, REQUEST_BUFFER)
+    }
+
+    /// A view's ends of `drive/command` and `drive/state`; `None` where it would leave no place to a recorder, and until `own` of the run's processes have
+    /// theirs, which nobody who watches may take.
+    ///
+    /// # Errors
+    /// When a service or a port cannot be made.
+    pub fn drive_views(&self, own: usize) -> Result<Option<DriveViews>, IpcError> {
+        let (limit, commands, states) = (DRIVE_RECORDER_BUFFER, Channel::DriveCommand, Channel::DriveState);
+        let readers = [
+            self.publish_subscribe::<DriveCommandMsg>(commands, limit)?
+                .dynamic_config()
+                .number_of_subscribers(),
+            self.publish_subscribe::<DriveStateMsg>(states, limit)?.dynamic_config().number_of_subscribers(),
+        ];
+        if readers.iter().any(|count| *count < own || *count + 1 >= MAX_READERS) {
+            return Ok(None);
+        }
+        Ok(Some(DriveViews {
+            commands: self.receiver(commands, limit, limit)?,
+            states: self.receiver(states, limit, limit)?,
+        }))
     }
 
     /// A view's end of `camera/N/frame`: the newest only.

@@ -1,7 +1,7 @@
 //! What is on the screen, cell by cell.
 
 use super::*;
-use crate::messages::{TraceMsg, trace_flag};
+use crate::messages::{DriveStateMsg, RobotState, TraceMsg, trace_flag};
 use crate::monitor::CellFacts;
 use crate::time::SpanNs;
 
@@ -118,6 +118,24 @@ fn any_size_and_any_lack_is_drawn() {
     }
     let large = draw(&watched(), MonoNs(0), false, (160, 50)).lines().join("\n");
     assert!(large.contains("joint6"));
+}
+
+#[test]
+fn the_robot_and_restarts_are_told_where_there_are_some() {
+    let mut view = watched();
+    let text = draw(&view, MonoNs(0), false, (80, 24)).lines().join("\n");
+    assert!(!text.contains("robot  ") && !text.contains("started anew"), "{text}");
+    let robot = RobotState::EmergencyStop as u32;
+    view.drive_state(&DriveStateMsg { robot_state: robot, robot_code: 706, ..DriveStateMsg::default() });
+    view.tick(&TraceMsg { sequence: 200, flags: robot << trace_flag::ROBOT_STATE, ..TraceMsg::default() });
+    view.status(&Status { vision_restarts: 2, time_s: 3.0, ..Status::default() }, MonoNs(0));
+    let lines = draw(&view, MonoNs(0), false, (80, 24)).lines();
+    let told = "robot  emergency stop (code 706)   started anew: camera 0, vision 2 times";
+    assert!(lines.iter().any(|line| line == told), "{lines:#?}");
+    assert!(
+        lines.iter().any(|line| line.ends_with("s  vision was started anew, 2 times by now")),
+        "{lines:#?}"
+    );
 }
 
 #[test]

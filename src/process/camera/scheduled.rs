@@ -7,7 +7,7 @@ use crate::ipc::{BorrowedFrame, FrameSender, Receiver, Spin, WakeListener};
 use crate::messages::{FrameHeader, JointState, frame_flag};
 use crate::process::{LONGEST_SPIN, LONGEST_WAIT, Membership, ProcessError, StopFlag, WAKE_AHEAD};
 use crate::rt::{now, sleep_until};
-use crate::source::{Exposure, Position, ScheduledSource};
+use crate::source::{Exposure, NextInstant, Position, ScheduledSource};
 use crate::time::{MonoNs, SpanNs};
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -62,7 +62,15 @@ impl<'a> ScheduledCamera<'a> {
         let (mut frame_id, mut last, mut due) = (0, false, MonoNs::ZERO);
         let mut pending: VecDeque<PendingFrame> = VecDeque::new();
         loop {
-            let exposed = start + schedule.exposure(frame_id) + half;
+            let (mid, is_dated) = match self.source.next_instant() {
+                NextInstant::Any => (start + schedule.exposure(frame_id), false),
+                NextInstant::At(mid) => (mid, true),
+                NextInstant::Never => {
+                    last = true;
+                    (start, true)
+                }
+            };
+            let exposed = mid + half;
             let next = pending.front().map(|p| p.due).into_iter().chain((!last).then_some(exposed)).min();
             let Some(next) = next else { return self.rest(stop) };
             if !self.wait_until(next, stop) {
@@ -80,7 +88,6 @@ impl<'a> ScheduledCamera<'a> {
                 while let Some(state) = self.arm.receive()? {
                     self.source.arm(&state);
                 }
-                let mid = start + schedule.exposure(frame_id);
                 let (frame, header) = self.expose(frame_id, mid)?;
                 last = header.flags & frame_flag::LAST != 0;
                 // Frames do not overtake one another.
@@ -89,6 +96,9 @@ impl<'a> ScheduledCamera<'a> {
             }
             // A camera that cannot keep up drops whole exposures, it does not shift them.
             frame_id += 1;
+            if is_dated {
+                continue;
+            }
             let behind = now() - SpanNs(schedule.exposure(1).0 / 2);
             while start + schedule.exposure(frame_id) + half < behind {
                 frame_id += 1;

@@ -14,6 +14,7 @@ mod lockstep;
 mod realtime;
 mod realtime_thread;
 mod recorded;
+mod recorded_drive;
 mod recorder_pace;
 mod requests;
 mod restart_watch;
@@ -26,6 +27,7 @@ use super::{Membership, ProcessError, ReportFolder, StopFlag};
 use crate::calibration::load::LoadRecording;
 use crate::calibration::{KnownCell, Recording, stamp_offset};
 use crate::config::Config;
+use crate::config::assemble::{control_loop, control_loop_with};
 use crate::config::{Clock, Task};
 use crate::control::outcome::{Finish, Outcome};
 use crate::control::trace::Trace;
@@ -169,11 +171,11 @@ fn run_robot<const N: usize>(
     let membership = Membership::join(instance, Role::Control, config)?;
     let stops = Stops::new(stop.clone(), instance.make_stop_word()?, config.serve);
     let stability = Preflight::of(config).ok().and_then(|preflight| preflight.stability);
-    let (mut control, mut drive) = match external_drive::open::<N>(config, &membership)? {
-        Some((drive, ports)) => {
-            (crate::config::assemble::control_loop_with(config, robot, Box::new(drive))?, Some(ports))
-        }
-        None => (crate::config::assemble::control_loop(config, robot)?, None),
+    let recorded = recorded_drive::open::<N>(config)?;
+    let (mut control, mut drive) = match (external_drive::open::<N>(config, &membership)?, recorded) {
+        (Some((drive, ports)), _) => (control_loop_with(config, robot, Box::new(drive))?, Some(ports)),
+        (None, Some(drive)) => (control_loop_with(config, robot, Box::new(drive))?, None),
+        (None, None) => (control_loop(config, robot)?, None),
     };
     if let Some(stability) = &stability {
         control.mission.set_stability(stability.slowest());

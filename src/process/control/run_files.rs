@@ -104,7 +104,7 @@ fn goal<const N: usize>(config: &Config, run: &LockstepRun<N>) -> String {
 fn poses<const N: usize>(config: &Config, run: &LockstepRun<N>, history: &RunHistory) -> String {
     let mut out = String::from("frame,x_m,y_m,z_m,qx,qy,qz,qw\n");
     let X_DO = run.mission.goal().set_point.X_DO().copied();
-    if !config.closes_the_loop() {
+    if !config.has_an_arm() {
         pose(&mut out, "O", &Pose::identity());
         if let Some(X_DO) = X_DO {
             pose(&mut out, "D", &X_DO.inverse());

@@ -22,7 +22,7 @@ pub use reach::{CameraPath, Posture, Reach};
 pub use space::SpaceAhead;
 
 use crate::config::{Config, Scene};
-use crate::config::{DriveKind, SetPointKind, Task};
+use crate::config::{SetPointKind, Task};
 use crate::drive::CommandMode;
 use crate::geometry::Pose;
 use crate::robot::{JointDescription, Mount, Robot, RobotError};
@@ -229,7 +229,7 @@ impl Preflight {
 fn unasked(config: &Config) -> Option<&'static str> {
     if config.task != Task::Servo {
         Some("a calibration finds its postures by itself")
-    } else if config.drive.kind == DriveKind::None || !config.closes_the_loop() {
+    } else if !config.closes_the_loop() {
         Some("no arm moves in this run")
     } else if config.goal.is_taught {
         Some("the goal is what the camera sees at the start")

@@ -1,9 +1,12 @@
 //! What is published of a run: its own records, and what viewers know by themselves, as `vservo export` derives it.
 
 use super::hub::ChannelHub;
-use crate::config::Config;
+use crate::config::{Config, DriveKind};
 use crate::export::{DerivedMessage, DerivedMessages};
-use crate::messages::{CameraHealth, FrameHeader, JointState, Measurement, MessageRecord, Status, TraceMsg};
+use crate::messages::{
+    CameraHealth, DriveCommandMsg, DriveStateMsg, FrameHeader, JointState, Measurement, MessageRecord,
+    RequestMsg, Status, TraceMsg,
+};
 use crate::monitor::WatchedRecord;
 use crate::record::{CDR_LITTLE_ENDIAN, IMAGE_NAME, IMAGE_SCHEMA, ImageMessage, ros2_name, ros2_schema};
 use crate::time::MonoNs;
@@ -44,6 +47,11 @@ impl LivePublisher {
         publisher.offer::<Status>("/control/status");
         publisher.offer::<TraceMsg>("/control/trace");
         publisher.offer::<Measurement>(&format!("/vision/{camera}/measurement"));
+        publisher.offer::<RequestMsg>("/control/request");
+        if config.drive.kind == DriveKind::External {
+            publisher.offer::<DriveCommandMsg>("/drive/command");
+            publisher.offer::<DriveStateMsg>("/drive/state");
+        }
         for camera in config.cameras() {
             publisher.offer::<CameraHealth>(&format!("/camera/{}/health", camera.id));
         }
@@ -85,6 +93,13 @@ impl LivePublisher {
                 }
                 self.derived.measurement(m).into_iter().for_each(|message| self.derived_message(message));
             }
+            WatchedRecord::Request(request) => {
+                self.record("/control/request", request.stamp, *request);
+                let made = self.derived.request(request);
+                made.into_iter().for_each(|message| self.derived_message(message));
+            }
+            WatchedRecord::DriveCommand(command) => self.record("/drive/command", command.stamp, *command),
+            WatchedRecord::DriveState(state) => self.record("/drive/state", state.stamp, *state),
             WatchedRecord::Health(camera, health) => {
                 self.record(&format!("/camera/{camera}/health"), health.stamp, *health);
             }

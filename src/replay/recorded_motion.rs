@@ -1,0 +1,55 @@
+//! The motion of a recorded arm, for a drive: the joint states of a recording, one after the other.
+
+use super::ReplayError;
+use crate::drive::{NextState, RecordedMotion};
+use crate::messages::JointState;
+use crate::record::RecordingReader;
+use std::io::Read;
+use tracing::warn;
+
+/// Reads the joint states of a recording.
+pub struct MotionReader<R: Read> {
+    reader: RecordingReader<R>,
+    ahead: Option<JointState>,
+}
+
+impl<R: Read> MotionReader<R> {
+    /// Of a recording from whose messages nothing was taken yet; `None` where it has no joint state.
+    ///
+    /// # Errors
+    /// When it cannot be read, or has records of another version.
+    pub fn new(reader: RecordingReader<R>) -> Result<Option<Self>, ReplayError> {
+        let mut motion = Self { reader, ahead: None };
+        motion.ahead = motion.read()?;
+        Ok(motion.ahead.is_some().then_some(motion))
+    }
+
+    /// The number of joints.
+    #[must_use]
+    pub fn joints(&self) -> u32 {
+        self.ahead.as_ref().map_or(0, |state| state.joints)
+    }
+
+    fn read(&mut self) -> Result<Option<JointState>, ReplayError> {
+        while let Some(message) = self.reader.next_message()? {
+            if message.topic() == "/control/joint_state" {
+                return Ok(Some(message.record()?));
+            }
+        }
+        if let Some(why) = self.reader.cut_off() {
+            warn!("the arm's recording is cut off, its motion ends there: {why}");
+        }
+        Ok(None)
+    }
+}
+
+impl<R: Read + Send> RecordedMotion for MotionReader<R> {
+    fn next_state(&mut self) -> NextState {
+        let Some(state) = self.ahead.take() else { return NextState::Over };
+        self.ahead = self.read().unwrap_or_else(|error| {
+            warn!("the arm's recording cannot be read any further, its motion ends there: {error}");
+            None
+        });
+        NextState::State(state)
+    }
+}
