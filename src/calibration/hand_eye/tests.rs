@@ -125,7 +125,7 @@ fn corners_true_to_a_thousandth_of_a_pixel_converge() {
             let settings = JointSettings { robot: RobotSd::default(), ..settings(&cell) };
             let start = pose([1e-3, -1e-3, 1e-3, 2e-3, -2e-3, 1e-3]) * cell.X_MC;
             let fit = refine_jointly(&all(&views), &camera(), &settings, &start, &cell.X_WO).unwrap();
-            assert!(gap(&fit.X_MC, &cell.X_MC) < 1e-5, "{seed} {}", gap(&fit.X_MC, &cell.X_MC));
+            assert!(gap(&fit.X_MC, &cell.X_MC) < 1e-4, "{seed} {}", gap(&fit.X_MC, &cell.X_MC));
         }
     }
 }
