@@ -126,9 +126,9 @@ impl Client {
     fn check_program(&self, program: &Program) -> Result<(), ProcessError> {
         let (status, targets) = (self.status()?, self.targets());
         // A goal of no certain target is of the first one.
-        let kind_of = |of: &TargetGoal| {
+        let target_of = |of: &TargetGoal| {
             let name = of.target.as_deref().unwrap_or(FIRST_TARGET);
-            targets.iter().find(|target| target.name == name).map(|target| target.kind.clone())
+            targets.iter().find(|target| target.name == name)
         };
         let wrong =
             |step: &ProgramStep, why: String| Err(ProcessError::NoCommand(format!("{}: {why}", step.key)));
@@ -144,9 +144,10 @@ impl Client {
                 }
                 StepAction::Servo(name, of, _) => {
                     let ProgramGoal::Taught(goal) = &of.goal else { continue };
-                    if let Some(kind) = kind_of(of).filter(|kind| *kind != goal.target) {
+                    if let Some(target) = target_of(of).filter(|target| target.kind != goal.target) {
+                        let (key, kind) = (target.key(), &target.kind);
                         let why = format!(
-                            "`{name}` is of a target of kind \"{}\", target.kind is \"{kind}\"",
+                            "`{name}` is of a target of kind \"{}\", {key}.kind is \"{kind}\"",
                             goal.target
                         );
                         return wrong(step, why);

@@ -150,9 +150,10 @@ impl Client {
     /// # Errors
     /// As for [`Self::status`], and when it is of another target than the run's.
     pub fn goal(&self, goal: &GoalFile) -> Result<RunAnswer, ProcessError> {
-        if let Some(kind) = self.target_kind()?.filter(|kind| *kind != goal.target) {
+        if let Some(target) = self.present_target()?.filter(|target| target.kind != goal.target) {
+            let (key, kind) = (target.key(), &target.kind);
             let why =
-                format!("is of a target of kind \"{}\", that of the run is of kind \"{kind}\"", goal.target);
+                format!("is of a target of kind \"{}\", {key}.kind of the run is \"{kind}\"", goal.target);
             return Err(ProcessError::NoCommand(why));
         }
         let s: Vec<f64> = goal.features.iter().flat_map(|feature| feature.s).collect();
@@ -238,7 +239,7 @@ impl Client {
         }
         let feature = |(id, s): &(u32, [f64; 2])| GoalFeature { id: *id, s: *s, px: None, spread_px: None };
         Ok(Ok(GoalFile {
-            target: self.target_kind()?.unwrap_or_default(),
+            target: self.present_target()?.map(|target| target.kind).unwrap_or_default(),
             measurements: None,
             q_rad_or_m: status.q_rad_or_m,
             thumbnail: None,

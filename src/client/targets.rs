@@ -17,6 +17,13 @@ pub struct RunTarget {
     pub kind: String,
 }
 
+impl RunTarget {
+    /// Its table in the run file.
+    pub(super) fn key(&self) -> String {
+        if self.name == FIRST_TARGET { FIRST_TARGET.to_owned() } else { format!("targets.{}", self.name) }
+    }
+}
+
 /// What is read of a target.
 #[derive(serde::Deserialize)]
 struct KindOfTarget {
@@ -64,15 +71,15 @@ impl Client {
         self.send(Request::Goal, ControlCommand::of(Request::Goal as u32))
     }
 
-    /// The word for the kind of the target of the goals that this client sets.
-    pub(super) fn target_kind(&self) -> Result<Option<String>, ProcessError> {
+    /// The target of the goals that this client sets.
+    pub(super) fn present_target(&self) -> Result<Option<RunTarget>, ProcessError> {
         let targets = self.targets();
         let number = match self.target.checked_sub(1) {
             Some(number) => number,
             None if targets.len() < 2 => 0,
             None => self.status()?.target_number.unwrap_or(0),
         };
-        Ok(targets.into_iter().nth(number as usize).map(|target| target.kind))
+        Ok(targets.into_iter().nth(number as usize))
     }
 }
 

@@ -144,6 +144,13 @@ impl<const N: usize> Mission<N> {
         self.goal_watch.at_goal_s(self.last)
     }
 
+    /// The goal of the first target, also where the present one is of another.
+    #[must_use]
+    pub fn first_set_point(&self) -> &SetPoint {
+        let present = &self.goal.set_point;
+        self.goals.first().filter(|_| present.target() != 0).unwrap_or(present)
+    }
+
     /// What the points of the goal's target are.
     pub(super) fn point_kind(&self) -> PointKind {
         let number = self.goal.set_point.target() as usize;

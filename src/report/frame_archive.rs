@@ -1,8 +1,10 @@
 //! Images of a run for `--report`: the first frame, the last one, those in which a target that had been found is lost, and a filmstrip, small frames that
 //! are spread evenly over the run. All memory is had before the first frame; keeping one is a copy.
 
-use super::filmstrip::Filmstrip;
+mod filmstrip;
+
 use crate::messages::{FeaturePoint, FrameHeader, Measurement, TargetStatus};
+use filmstrip::Filmstrip;
 use std::fmt::Write;
 
 /// Most frames without the target that are kept; the others are counted. Chosen by hand: as many as one looks through on a page.

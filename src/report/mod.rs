@@ -4,7 +4,6 @@ pub mod calibration_page;
 pub mod chart;
 pub mod compare_page;
 pub mod csv_table;
-mod filmstrip;
 pub mod frame_archive;
 pub mod hand_eye_page;
 pub mod histogram;

@@ -182,9 +182,10 @@ fn the_gstreamer_sample_has_stamps_and_counts() {
     }
     let sample = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/camera/gstreamer_camera.py");
     let source = "videotestsrc is-live=true ! video/x-raw,width=640,height=480,framerate=60/1";
-    let (output, answer) = checked("camgst", &settings(&[&python, sample, source]));
-    assert_eq!(output.status.code(), Some(0), "{answer}");
+    let (_, answer) = checked("camgst", &settings(&[&python, sample, source]));
     assert!((number(&answer, &["obtained_hz"]) - 60.0).abs() < 0.5, "{answer}");
+    // Where other work holds it up images are lost; each that comes has its time.
+    assert!(number(&answer, &["frames"]) > 10.0 && number(&answer, &["undated"]) == 0.0, "{answer}");
 }
 
 /// What the sample for ROS 2 makes of messages, which need no ROS here.

@@ -102,7 +102,9 @@ fn a_report_does_not_change_a_lockstep_run() {
     names.sort();
     let (images, others): (Vec<_>, Vec<_>) = names.into_iter().partition(|n| n.ends_with(".png"));
     assert_eq!(others, FILES);
+    let (strip, images): (Vec<_>, Vec<_>) = images.into_iter().partition(|n| n.starts_with("frame-strip-"));
     assert_eq!(images.len(), 2, "the first frame and the last: {images:?}");
+    assert!((8..=16).contains(&strip.len()), "{strip:?}");
 
     // The same run without a report.
     let plain = crate::common::run("unreported", &LOCKSTEP[1..]);

@@ -18,7 +18,7 @@ const MARGIN: SpanNs = SpanNs(2_000_000_000);
 
 /// Room for the history of a run.
 pub(super) fn history<const N: usize>(config: &Config, mission: &Mission<N>) -> RunHistory {
-    let set_point = &mission.goal().set_point;
+    let set_point = mission.first_set_point();
     let plays_once = matches!(config.camera.source, Source::Replay { repeat: false, .. });
     let has_end = !config.serve && !plays_once;
     let longest = if has_end { SpanNs(config.duration.0.saturating_add(MARGIN.0)) } else { SpanNs(i64::MAX) };
@@ -90,7 +90,7 @@ fn camera(mount: &Mount, X_BE: &Pose) -> Pose {
 
 /// Where each point of the target is to be in the image.
 fn goal<const N: usize>(config: &Config, run: &LockstepRun<N>) -> String {
-    let set_point = &run.mission.goal().set_point;
+    let set_point = run.mission.first_set_point();
     let mut out = String::from("point,u_px,v_px\n");
     for (id, s) in set_point.ids().iter().zip(set_point.features()) {
         let px = config.camera.model.pixel_of(s);
@@ -103,7 +103,7 @@ fn goal<const N: usize>(config: &Config, run: &LockstepRun<N>) -> String {
 /// camera: the desired camera in the frame of the object.
 fn poses<const N: usize>(config: &Config, run: &LockstepRun<N>, history: &RunHistory) -> String {
     let mut out = String::from("frame,x_m,y_m,z_m,qx,qy,qz,qw\n");
-    let X_DO = run.mission.goal().set_point.X_DO().copied();
+    let X_DO = run.mission.first_set_point().X_DO().copied();
     if !config.has_an_arm() {
         pose(&mut out, "O", &Pose::identity());
         if let Some(X_DO) = X_DO {

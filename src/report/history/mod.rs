@@ -65,6 +65,7 @@ struct TickRow {
 struct DetectionRow {
     frame_id: u64,
     camera: u32,
+    target_number: u32,
     exposure: MonoNs,
     status: u32,
     flags: u32,
@@ -153,12 +154,15 @@ impl RunHistory {
 
     /// Takes a measurement in as it comes.
     pub fn note_measurement(&mut self, m: &Measurement) {
+        // The figures are those of the first target: points and poses of others are left out.
+        let is_first = m.target_number == 0;
         let kept = self.measurements.push(DetectionRow {
             frame_id: m.frame_id,
             camera: m.camera,
+            target_number: m.target_number,
             exposure: m.exposure,
             status: m.status,
-            flags: m.flags,
+            flags: if is_first { m.flags } else { m.flags & !measurement_flag::POSE },
             count: m.feature_count,
             pose: m.pose,
             rms_px: m.reprojection_rms_px as f32,
@@ -177,7 +181,7 @@ impl RunHistory {
         }
         self.last_px.clear();
         for id in &self.ids {
-            let seen = m.features().iter().find(|f| f.id == u64::from(*id));
+            let seen = m.features().iter().find(|f| is_first && f.id == u64::from(*id));
             let (u, v) = seen.map_or((f32::NAN, f32::NAN), |f| (f.u_px as f32, f.v_px as f32));
             self.last_px.extend([u, v]);
         }

@@ -69,7 +69,7 @@ impl RunHistory {
     #[must_use]
     pub fn measurements_csv(&self) -> String {
         let mut out = String::from(
-            "frame_id,camera,exposure_s,taken_s,status,verdict,error_px,tracked,features,reprojection_rms_px,\
+            "frame_id,camera,target_number,exposure_s,taken_s,status,verdict,error_px,tracked,features,reprojection_rms_px,\
              exposure_to_frame_us,frame_to_vision_us,vision_us,measurement_to_command_us,exposure_to_command_us",
         );
         cells(&mut out, POSE.iter().map(|part| format!("CO_{part}")));
@@ -84,7 +84,8 @@ impl RunHistory {
     }
 
     fn measurement_line(&self, out: &mut String, row: &DetectionRow, px: &[f32]) {
-        let _ = write!(out, "{},{},{:.9},", row.frame_id, row.camera, self.seconds(row.exposure));
+        let time_s = self.seconds(row.exposure);
+        let _ = write!(out, "{},{},{},{time_s:.9},", row.frame_id, row.camera, row.target_number);
         if let Some(taken) = row.taken {
             let _ = write!(out, "{:.9}", self.seconds(taken));
         }

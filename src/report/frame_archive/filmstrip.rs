@@ -2,7 +2,7 @@
 //!
 //! Every frame is kept until there is no more room; then every second one goes, and from then on only every second frame is taken, and so on.
 
-use super::frame_archive::{Keepsake, KeptImage};
+use super::{Keepsake, KeptImage};
 use crate::messages::Measurement;
 
 /// Most frames of a strip; even, so that thinning leaves one in two. Chosen by hand: two rows of a page, of which at least a half is always there.
