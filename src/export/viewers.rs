@@ -8,9 +8,9 @@ use crate::messages::{CameraId, MessageRecord};
 use crate::record::{
     CopiedTopic, IMAGE_NAME, RecordedMessage, RecordingError, RecordingReader, RecordingWriter,
 };
-use crate::source::encode_png;
 use crate::time::MonoNs;
-use image::ExtendedColorType;
+use image::codecs::png::PngEncoder;
+use image::{ExtendedColorType, ImageEncoder};
 use std::collections::BTreeMap;
 use std::io::{Read, Write};
 
@@ -88,7 +88,9 @@ fn compressed(message: &RecordedMessage<'_>) -> Result<Option<DerivedMessage>, R
     }
     let image = message.image()?;
     let topic = message.topic();
-    let png = encode_png(image.pixels, image.width_px, image.height_px, ExtendedColorType::L8)
+    let mut png = Vec::new();
+    PngEncoder::new(&mut png)
+        .write_image(image.pixels, image.width_px, image.height_px, ExtendedColorType::L8)
         .map_err(|_| RecordingError::Message { topic: topic.into(), expected: "image of 8-bit grey" })?;
     let camera = topic.split('/').nth(2).and_then(|number| number.parse().ok()).unwrap_or_default();
     let mut out = CdrOutput::new();

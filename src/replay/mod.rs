@@ -10,13 +10,11 @@
 
 mod difference;
 mod recorded_arm;
-mod recorded_motion;
 mod recorded_run;
 mod run_again;
 mod vision_again;
 
 pub use difference::{Difference, difference};
-pub use recorded_motion::MotionReader;
 pub use recorded_run::{RecordedRun, RecordedTick, recorded_config};
 pub use run_again::{CommandDeviation, ControlAgain, How, Replayed, replay};
 pub use vision_again::{MeasuredAgain, measure_again};

@@ -11,6 +11,7 @@ mod event_log;
 mod external_drive;
 mod load;
 mod lockstep;
+mod motion_reader;
 mod realtime;
 mod realtime_thread;
 mod recorded;

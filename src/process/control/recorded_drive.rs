@@ -5,10 +5,11 @@
 //! real time:  recording ─► MotionReader ─► thread ─ring─► RecordedDrive::read
 //! ```
 
+use super::motion_reader::MotionReader;
 use crate::config::{Clock, Config, DriveKind};
 use crate::drive::{NextState, RecordedDrive, RecordedMotion};
 use crate::process::{OpenRecording, ProcessError};
-use crate::replay::{MotionReader, ReplayError};
+use crate::replay::ReplayError;
 use nalgebra::SVector;
 use rtrb::{Consumer, Producer, RingBuffer};
 use std::fs::File;

@@ -1,32 +1,28 @@
 //! The motion of a recorded arm, for a drive: the joint states of a recording, one after the other.
 
-use super::ReplayError;
 use crate::drive::{NextState, RecordedMotion};
 use crate::messages::JointState;
 use crate::record::RecordingReader;
+use crate::replay::ReplayError;
 use std::io::Read;
 use tracing::warn;
 
 /// Reads the joint states of a recording.
-pub struct MotionReader<R: Read> {
+pub(super) struct MotionReader<R: Read> {
     reader: RecordingReader<R>,
     ahead: Option<JointState>,
 }
 
 impl<R: Read> MotionReader<R> {
     /// Of a recording from whose messages nothing was taken yet; `None` where it has no joint state.
-    ///
-    /// # Errors
-    /// When it cannot be read, or has records of another version.
-    pub fn new(reader: RecordingReader<R>) -> Result<Option<Self>, ReplayError> {
+    pub(super) fn new(reader: RecordingReader<R>) -> Result<Option<Self>, ReplayError> {
         let mut motion = Self { reader, ahead: None };
         motion.ahead = motion.read()?;
         Ok(motion.ahead.is_some().then_some(motion))
     }
 
     /// The number of joints.
-    #[must_use]
-    pub fn joints(&self) -> u32 {
+    pub(super) fn joints(&self) -> u32 {
         self.ahead.as_ref().map_or(0, |state| state.joints)
     }
 
