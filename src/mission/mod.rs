@@ -393,10 +393,8 @@ impl<const N: usize> Mission<N> {
         let held_off = self.held_off.filter(|at| now - *at < LATELY).map(|_| HELD_OFF);
         let when_late =
             held_off.or_else(|| self.task.when_late(in_view)).or_else(|| stays().filter(|_| servoing));
-        let (closed_loop, state) = (self.plan.closed_loop, self.state);
-        time_is_up.then(|| {
-            run_end::time_is_up(closed_loop, state, when_late, (&self.measurements, self.point_kind()))
-        })
+        let measured = (&self.measurements, self.point_kind());
+        time_is_up.then(|| run_end::time_is_up(self.plan.closed_loop, self.state, when_late, measured))
     }
 
     /// Tells the status of what is known of the law's stability: [`Status::stability`](crate::messages::Status::stability).

@@ -21,11 +21,11 @@ use nalgebra::{Matrix6, SMatrix, SVector, Vector6};
 const MAX_ITERATIONS: u32 = 100;
 /// Steps below this (m, rad, s) are the last. Chosen by hand: rounding in sums over all corners of all views allows no more digits.
 const LAST_STEP: f64 = 1e-11;
-/// The promised fall, relative to the loss by degree of freedom, that ends it: the promise over that is the square of the step in standard
+/// The promised fall, relative to the loss by degree of freedom, that ends it. Derived: the promise over that is the square of the step in standard
 /// deviations, so that the last step is less than a thousandth of one. Much less cannot be asked for: a corner at 1000 px is rounded by 1e-13 px, so that
 /// the loss of corners that fit to 0.001 px is known to 1e-11 of it, and whether it falls is chance below that.
 const LAST_GAIN: f64 = 1e-7;
-/// A loss by degree of freedom that is none, what is left of exact data: residuals of 1e-5 standard deviations.
+/// A loss by degree of freedom that is none, what rounding leaves of exact data: residuals of 1e-5 standard deviations.
 const NOTHING: f64 = 1e-10;
 /// Chosen by hand, and a thousand times less than in other problems; what speaks for that is not known.
 const FIRST_DAMPING: f64 = 1e-6;

@@ -9,11 +9,11 @@ use nalgebra::SVector;
 
 /// A joint that stays within this stands, rad or m, beside the steps of its encoder. Chosen by hand: what a gear yields under a tenth of its rated torque.
 const STANDS: f64 = 5e-4;
-/// Steps of the encoder within which a joint stands: a flicker by one to each side, and noise of a step beside it.
+/// Steps of the encoder within which a joint stands. Derived: a flicker by one to each side, and noise of a step beside it.
 const STEPS: f64 = 4.0;
 /// Slower than this neither joint nor reference is on its way, rad/s or m/s: stick and slip, which is slower in the arms of `tests/cores/friction.rs`.
 const ON_ITS_WAY: f64 = 0.05;
-/// How far the reference goes on until the joint counts as held, rad or m. As far as a lag is a load's (`motion/drive_lag.rs`), and three times as far as the reference is
+/// How far the reference goes on until the joint counts as held, rad or m. Chosen by hand: as far as a lag is a load's (`motion/drive_lag.rs`), and three times as far as the reference is
 /// ahead of a joint that starts behind a drive of 34 ms, with 10 rad/s^2.
 const HELD: f64 = 0.02;
 
