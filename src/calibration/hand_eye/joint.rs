@@ -113,8 +113,7 @@ pub fn refine_jointly(
         };
         let candidate = state.after(&step);
         // A strongly damped step is short because of the damping, so that it does not show convergence.
-        let last =
-            damping < 1e-3 && (step.size < LAST_STEP || step.gain <= LAST_GAIN * here.loss_by_freedom());
+        let last = damping < 1e-3 && here.is_last(&step);
         // one so long that the board comes behind the camera fails
         match problem.sums(&candidate) {
             Ok(next) if next.loss <= here.loss => {
@@ -327,6 +326,10 @@ impl JointEquations {
         let of_views: f64 = self.views.iter().zip(&views).map(|(view, d)| view.right.dot(d)).sum();
         let gain = self.right.dot(&global) + of_views;
         size.is_finite().then_some(RefinementStep { global, views, size, gain })
+    }
+
+    fn is_last(&self, step: &RefinementStep) -> bool {
+        step.size < LAST_STEP || step.gain <= LAST_GAIN * self.loss_by_freedom()
     }
 
     /// A correction of the arm's pose is an unknown and an observation, so that it counts as neither.
