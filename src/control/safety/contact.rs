@@ -109,7 +109,7 @@ impl<const N: usize> ContactWatch<N> {
             joint_control.skip_window();
         }
         if let Some((state, command)) = did {
-            self.stopped.note(&state.q, joint_control.encoder_step(), &command.qd_r);
+            self.stopped.note(&state.q, joint_control.encoder_step(), (&command.q_r, &command.qd_r));
         }
         match (&mut self.observer, did) {
             (Observer::Torque(observer), Some((state, command))) => {

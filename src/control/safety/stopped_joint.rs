@@ -2,7 +2,8 @@
 //!
 //! Torques tell this late, because a controller that finds a joint too slow takes it for friction at first; a drive's lag tells it as late as a load would. That the joint
 //! stands is plain: friction and loads slow a joint down, and what stops it in motion is a brake, a jam, or something in its way. A joint that sticks as it begins to move, or
-//! as it turns back, stands too, and is none of this: only one is told that moved the way that its reference went on.
+//! as it turns back, stands too, and is none of this: only one is told that moved the way that its reference went on. Nor is one that swings, which turns ahead of its reference
+//! and waits for it there: one that is held is behind.
 
 use crate::time::TICK;
 use nalgebra::SVector;
@@ -33,7 +34,15 @@ struct StandingJoint {
     /// Which way it moved: 1, -1; 0 when it was not on its way, or its reference did not go on.
     way: f64,
     /// How far the reference went on since, rad or m.
+    gone: f64,
+    /// How far it is ahead of the joint, rad or m.
     ahead: f64,
+}
+
+impl StandingJoint {
+    fn at(q: f64, way: f64) -> Self {
+        Self { at: q, ticks: 0, way, gone: 0.0, ahead: 0.0 }
+    }
 }
 
 impl<const N: usize> Default for StoppedJointWatch<N> {
@@ -43,27 +52,33 @@ impl<const N: usize> Default for StoppedJointWatch<N> {
 }
 
 impl<const N: usize> StoppedJointWatch<N> {
-    /// Takes in positions of a tick, rad or m, with encoders of these steps, and the velocities that were commanded in it, rad/s or m/s.
-    pub(super) fn note(&mut self, q: &SVector<f64, N>, step: &SVector<f64, N>, qd_r: &SVector<f64, N>) {
+    /// Takes in positions of a tick, rad or m, with encoders of these steps, and the reference in it, rad or m and rad/s or m/s.
+    pub(super) fn note(
+        &mut self,
+        q: &SVector<f64, N>,
+        step: &SVector<f64, N>,
+        (q_r, qd_r): (&SVector<f64, N>, &SVector<f64, N>),
+    ) {
         for (i, joint) in self.joints.iter_mut().enumerate() {
-            let joint = joint.get_or_insert(StandingJoint { at: q[i], ticks: 0, way: 0.0, ahead: 0.0 });
+            let joint = joint.get_or_insert(StandingJoint::at(q[i], 0.0));
             joint.ticks = joint.ticks.saturating_add(1);
             let moved = q[i] - joint.at;
             if moved.abs() > STANDS.max(STEPS * step[i]) {
                 let is_on_its_way = moved.abs() > ON_ITS_WAY * TICK.as_s() * f64::from(joint.ticks);
                 let way = if is_on_its_way { moved.signum() } else { 0.0 };
-                *joint = StandingJoint { at: q[i], ticks: 0, way, ahead: 0.0 };
+                *joint = StandingJoint::at(q[i], way);
             }
             if qd_r[i] * joint.way < ON_ITS_WAY {
                 joint.way = 0.0;
             }
-            joint.ahead += qd_r[i] * joint.way * TICK.as_s();
+            joint.gone += qd_r[i] * joint.way * TICK.as_s();
+            joint.ahead = (q_r[i] - joint.at) * joint.way;
         }
     }
 
     /// The joint that is held, from 0.
     pub(super) fn held(&self) -> Option<usize> {
-        self.joints.iter().position(|joint| joint.is_some_and(|joint| joint.way != 0.0 && joint.ahead > HELD))
+        self.joints.iter().position(|joint| joint.is_some_and(|joint| joint.gone.min(joint.ahead) > HELD))
     }
 
     /// Nothing is known of what was before.
@@ -86,7 +101,8 @@ mod tests {
             let q = at(k.min(stop).saturating_sub(delay)) + noise * random.gaussian();
             let q = if step > 0.0 { (q / step).round() * step } else { q };
             let qd_r = (at(k + 1) - at(k)) * 1e3;
-            watch.note(&Vector1::new(q), &Vector1::new(step), &Vector1::new(qd_r));
+            let reference = (&Vector1::new(at(k + 1)), &Vector1::new(qd_r));
+            watch.note(&Vector1::new(q), &Vector1::new(step), reference);
             watch.held().is_some()
         })
     }
@@ -121,9 +137,22 @@ mod tests {
     #[test]
     fn a_joint_that_sticks_before_it_moves_is_free() {
         let mut watch = StoppedJointWatch::<1>::default();
-        for _ in 0..1000 {
-            watch.note(&Vector1::new(0.3), &Vector1::new(1e-5), &Vector1::new(0.4));
+        for k in 0..1000 {
+            let reference = (&Vector1::new(0.3 + 4e-4 * f64::from(k)), &Vector1::new(0.4));
+            watch.note(&Vector1::new(0.3), &Vector1::new(1e-5), reference);
             assert_eq!(watch.held(), None);
+        }
+    }
+
+    /// It leaps ahead of its reference by 40 mrad, sticks there until it is nearly reached, and leaps again.
+    #[test]
+    fn a_joint_that_swings_ahead_of_its_reference_is_free() {
+        let (mut watch, mut q) = (StoppedJointWatch::<1>::default(), 0.0);
+        for k in 0..3000 {
+            let q_r = 5e-4 * f64::from(k);
+            q += if q - q_r < 0.01 { 0.03 } else { 0.0 };
+            watch.note(&Vector1::new(q), &Vector1::new(1e-5), (&Vector1::new(q_r), &Vector1::new(0.5)));
+            assert_eq!(watch.held(), None, "{k}");
         }
     }
 }
