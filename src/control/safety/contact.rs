@@ -109,7 +109,9 @@ impl<const N: usize> ContactWatch<N> {
             joint_control.skip_window();
         }
         if let Some((state, command)) = did {
-            self.stopped.note(&state.q, joint_control.encoder_step(), (&command.q_r, &command.qd_r));
+            let obeys_velocities = matches!(self.observer, Observer::Lag(.., false));
+            let q_r = (!obeys_velocities).then_some(&command.q_r);
+            self.stopped.note(&state.q, joint_control.encoder_step(), (q_r, &command.qd_r));
         }
         match (&mut self.observer, did) {
             (Observer::Torque(observer), Some((state, command))) => {

@@ -52,12 +52,13 @@ impl<const N: usize> Default for StoppedJointWatch<N> {
 }
 
 impl<const N: usize> StoppedJointWatch<N> {
-    /// Takes in positions of a tick, rad or m, with encoders of these steps, and the reference in it, rad or m and rad/s or m/s.
+    /// Takes in positions of a tick, rad or m, with encoders of these steps, and the reference in it, rad or m and rad/s or m/s; of a drive that obeys velocities the
+    /// positions are `None`, because they are taken from the arm again and again.
     pub(super) fn note(
         &mut self,
         q: &SVector<f64, N>,
         step: &SVector<f64, N>,
-        (q_r, qd_r): (&SVector<f64, N>, &SVector<f64, N>),
+        (q_r, qd_r): (Option<&SVector<f64, N>>, &SVector<f64, N>),
     ) {
         for (i, joint) in self.joints.iter_mut().enumerate() {
             let joint = joint.get_or_insert(StandingJoint::at(q[i], 0.0));
@@ -72,7 +73,7 @@ impl<const N: usize> StoppedJointWatch<N> {
                 joint.way = 0.0;
             }
             joint.gone += qd_r[i] * joint.way * TICK.as_s();
-            joint.ahead = (q_r[i] - joint.at) * joint.way;
+            joint.ahead = q_r.map_or(joint.gone, |q_r| (q_r[i] - joint.at) * joint.way);
         }
     }
 
@@ -101,7 +102,7 @@ mod tests {
             let q = at(k.min(stop).saturating_sub(delay)) + noise * random.gaussian();
             let q = if step > 0.0 { (q / step).round() * step } else { q };
             let qd_r = (at(k + 1) - at(k)) * 1e3;
-            let reference = (&Vector1::new(at(k + 1)), &Vector1::new(qd_r));
+            let reference = (Some(&Vector1::new(at(k + 1))), &Vector1::new(qd_r));
             watch.note(&Vector1::new(q), &Vector1::new(step), reference);
             watch.held().is_some()
         })
@@ -138,7 +139,7 @@ mod tests {
     fn a_joint_that_sticks_before_it_moves_is_free() {
         let mut watch = StoppedJointWatch::<1>::default();
         for k in 0..1000 {
-            let reference = (&Vector1::new(0.3 + 4e-4 * f64::from(k)), &Vector1::new(0.4));
+            let reference = (Some(&Vector1::new(0.3 + 4e-4 * f64::from(k))), &Vector1::new(0.4));
             watch.note(&Vector1::new(0.3), &Vector1::new(1e-5), reference);
             assert_eq!(watch.held(), None);
         }
@@ -151,7 +152,8 @@ mod tests {
         for k in 0..3000 {
             let q_r = 5e-4 * f64::from(k);
             q += if q - q_r < 0.01 { 0.03 } else { 0.0 };
-            watch.note(&Vector1::new(q), &Vector1::new(1e-5), (&Vector1::new(q_r), &Vector1::new(0.5)));
+            let reference = (Some(&Vector1::new(q_r)), &Vector1::new(0.5));
+            watch.note(&Vector1::new(q), &Vector1::new(1e-5), reference);
             assert_eq!(watch.held(), None, "{k}");
         }
     }
