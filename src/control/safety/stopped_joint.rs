@@ -17,6 +17,8 @@ const ON_ITS_WAY: f64 = 0.05;
 /// How far the reference goes on until the joint counts as held, rad or m. Chosen by hand: as far as a lag is a load's (`motion/drive_lag.rs`), and three times as far as the reference is
 /// ahead of a joint that starts behind a drive of 34 ms, with 10 rad/s^2.
 const HELD: f64 = 0.02;
+/// Ticks for which it must stand at least. Chosen by hand: a joint that swings with 10 Hz and more stands for less where it turns (an xArm7's wrist whose commands come 5 ms late, for 17 ms).
+const LEAST_TICKS: u32 = 30;
 
 /// Watches `N` joints.
 #[derive(Debug, Clone)]
@@ -79,7 +81,9 @@ impl<const N: usize> StoppedJointWatch<N> {
 
     /// The joint that is held, from 0.
     pub(super) fn held(&self) -> Option<usize> {
-        self.joints.iter().position(|joint| joint.is_some_and(|joint| joint.gone.min(joint.ahead) > HELD))
+        let is_held =
+            |joint: &StandingJoint| joint.ticks >= LEAST_TICKS && joint.gone.min(joint.ahead) > HELD;
+        self.joints.iter().position(|joint| joint.as_ref().is_some_and(is_held))
     }
 
     /// Nothing is known of what was before.
@@ -110,7 +114,7 @@ mod tests {
 
     #[test]
     fn a_joint_that_is_stopped_in_motion_is_told() {
-        for (speed, within) in [(0.1, 230), (0.3, 80), (1.0, 30), (2.0, 20)] {
+        for (speed, within) in [(0.1, 230), (0.3, 80), (1.0, 35), (2.0, 35)] {
             for (delay, step) in [(0, 0.0), (5, 1e-4), (20, 1e-3)] {
                 let told = held(|ms| -speed * 1e-3 * ms, delay, step, 0.0, 1000);
                 let after = told.unwrap() - 1000;
