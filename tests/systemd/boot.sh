@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Becomes the systemd of the namespaces that `run.sh` made; the first argument is an empty folder of the host.
+# Becomes the systemd of the namespaces that `run.sh` made. Arguments: an empty folder of the host, the path of systemd, the folder of the binaries, the repository; the last two
+# are /run/binaries and /run/repository inside, because /tmp is emptied there.
 set -euo pipefail
 memory=$1/memory
 root=$1/root
@@ -12,6 +13,9 @@ mount -t proc proc proc
 mount --rbind /sys sys
 mount --rbind /dev dev
 for own in dev/shm run tmp; do mount -t tmpfs tmpfs "$own"; done
+mkdir run/binaries run/repository
+mount --bind "$3" run/binaries
+mount --bind "$4" run/repository
 umount -R sys/fs/cgroup
 mount -t cgroup2 cgroup2 sys/fs/cgroup
 # `container` tells systemd that others look after the kernel.

@@ -28,7 +28,7 @@ finish() {
 trap finish EXIT
 
 unshare --mount --pid --fork --cgroup --propagation private --kill-child=KILL \
-    bash "$here/boot.sh" "$scratch" "$systemd" >"$scratch/console" 2>&1 &
+    bash "$here/boot.sh" "$scratch" "$systemd" "$binaries" "$here/../.." >"$scratch/console" 2>&1 &
 machine=$!
 
 inside() { timeout --signal=KILL "$1" nsenter --target "$first" --mount --pid --cgroup --root --wd "${@:2}"; }
@@ -42,4 +42,4 @@ done
 case $state in running | degraded) ;; *) cannot "systemd came to the state \`$state\`: $(tail -n 3 "$scratch/console")" ;; esac
 "$systemd" --version | head -n 1
 
-inside 300 bash -s -- "$binaries" "$here/../.." <"$here/scenario.sh"
+inside 300 bash -s <"$here/scenario.sh"

@@ -1,7 +1,7 @@
-# Runs inside, by `bash -s -- BINARIES REPOSITORY`: what docs/operation.md promises of the unit, in order.
+# Runs inside, by `bash -s`: what docs/operation.md promises of the unit, in order.
 set -euo pipefail
-binaries=$1
-repository=$2
+binaries=/run/binaries
+repository=/run/repository
 
 fail() {
     echo "FAILED: $1" >&2
