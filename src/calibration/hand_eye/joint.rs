@@ -334,7 +334,7 @@ impl JointEquations {
 
     /// A correction of the arm's pose is an unknown and an observation, so that it counts as neither.
     fn loss_by_freedom(&self) -> f64 {
-        (self.loss / (2 * self.corners).saturating_sub(TIME).max(1) as f64).max(NOTHING)
+        (self.loss / (2 * self.corners).saturating_sub(GLOBAL).max(1) as f64).max(NOTHING)
     }
 
     fn undetermined(&self, time_offset: bool) -> HandEyeError {

@@ -8,16 +8,17 @@
 use crate::time::TICK;
 use nalgebra::SVector;
 
-/// A joint that stays within this stands, rad or m, beside the steps of its encoder. Chosen by hand: what a gear yields under a tenth of its rated torque.
+/// A joint that stays within this stands, rad or m, beside the steps of its encoder. Chosen by hand: what a gear of 30 kN m/rad yields under 15 N m.
 const STANDS: f64 = 5e-4;
 /// Steps of the encoder within which a joint stands. Derived: a flicker by one to each side, and noise of a step beside it.
 const STEPS: f64 = 4.0;
-/// Slower than this neither joint nor reference is on its way, rad/s or m/s: stick and slip, which is slower in the arms of `tests/cores/friction.rs`.
+/// Slower than this neither joint nor reference is on its way, rad/s or m/s. Chosen by hand: the speed from which on a joint has to follow its reference (`arm.rs`).
 const ON_ITS_WAY: f64 = 0.05;
 /// How far the reference goes on until the joint counts as held, rad or m. Chosen by hand: as far as a lag is a load's (`motion/drive_lag.rs`), and three times as far as the reference is
 /// ahead of a joint that starts behind a drive of 34 ms, with 10 rad/s^2.
 const HELD: f64 = 0.02;
-/// Ticks for which it must stand at least. Chosen by hand: a joint that swings with 10 Hz and more stands for less where it turns (an xArm7's wrist whose commands come 5 ms late, for 17 ms).
+/// Ticks for which it must stand at least. Chosen by hand: a joint that swings with 10 Hz and more stands for less where it turns. Without it the wrist of an xArm7
+/// that swings because its commands come 5 ms late was told as held after 10 ms.
 const LEAST_TICKS: u32 = 30;
 
 /// Watches `N` joints.
@@ -72,7 +73,7 @@ impl<const N: usize> StoppedJointWatch<N> {
                 *joint = StandingJoint::at(q[i], way);
             }
             if qd_r[i] * joint.way < ON_ITS_WAY {
-                joint.way = 0.0;
+                (joint.way, joint.gone) = (0.0, 0.0);
             }
             joint.gone += qd_r[i] * joint.way * TICK.as_s();
             joint.ahead = q_r.map_or(joint.gone, |q_r| (q_r[i] - joint.at) * joint.way);
@@ -146,6 +147,23 @@ mod tests {
             let reference = (Some(&Vector1::new(0.3 + 4e-4 * f64::from(k))), &Vector1::new(0.4));
             watch.note(&Vector1::new(0.3), &Vector1::new(1e-5), reference);
             assert_eq!(watch.held(), None);
+        }
+    }
+
+    /// What was asked of a joint whose drive obeys velocities counts while it is asked, and no longer.
+    #[test]
+    fn before_a_drive_that_obeys_velocities_the_way_alone_counts() {
+        for (asked_ticks, told) in [(20, None), (60, Some(Some(0)))] {
+            let (mut watch, mut q) = (StoppedJointWatch::<1>::default(), 0.0);
+            let mut held = Vec::new();
+            for k in 0..200 {
+                q += if k < 50 { 1.2e-3 } else { 0.0 };
+                let qd_r = Vector1::new(if k < 50 + asked_ticks { 1.2 } else { 0.0 });
+                watch.note(&Vector1::new(q), &Vector1::new(1e-5), (None, &qd_r));
+                held.push(watch.held());
+            }
+            assert_eq!(held.iter().find(|held| held.is_some()).copied(), told, "{asked_ticks}");
+            assert_eq!(held.last().copied().flatten(), None, "it is asked for nothing any more");
         }
     }
 
