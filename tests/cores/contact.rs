@@ -135,20 +135,6 @@ fn an_arm_that_releases_goes_back_from_the_wall() {
     }
 }
 
-#[test]
-fn a_joint_that_jams_is_told_within_a_quarter_of_a_second() {
-    for (file, joint) in [("ur5", 1), ("panda", 1)] {
-        for mode in ["torque", "velocity", "position"] {
-            let jam = format!("drive.simulated.jam={{joint={joint},from_s=0.3}}");
-            let met = meets(&load(file, &[format!("drive.mode={mode}"), jam]), None);
-            let (noticed, fault) = met.fault.unwrap();
-            let told = matches!(fault, Fault::Contact | Fault::TrackingError);
-            assert!(told, "{file} {joint} {mode}: {fault:?}");
-            assert!((300..550).contains(&noticed), "{file} {joint} {mode}: {noticed}");
-        }
-    }
-}
-
 /// What became of a joint that stands from a moment on.
 #[derive(Debug)]
 struct Jam {
@@ -210,6 +196,8 @@ fn a_joint_that_is_stopped_in_its_motion_is_told_at_once() {
                 let (after, fault) = jam.told.unwrap();
                 assert_eq!(fault, Fault::Contact, "{file} {mode} {joint} {from}");
                 assert!(after <= 100, "{file} {mode} {joint} {from}: {after} ms");
+                // An xArm7 needs more than that for the friction and the rotors that its file tells.
+                assert!(file == "xarm7" || jam.share < 0.25, "{file} {mode} {joint} {from}: {}", jam.share);
             }
             assert!(fast >= 5, "{file} {mode}: {fast}");
         }

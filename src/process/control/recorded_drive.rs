@@ -24,6 +24,8 @@ const AHEAD: usize = 2048;
 const PAUSE: Duration = Duration::from_millis(20);
 /// The same before the first tick, until it has read ahead. Chosen by hand: a moment that nobody notices.
 const FIRST_PAUSE: Duration = Duration::from_millis(1);
+/// So often at most: a disk that hangs for five seconds is told by late states, and stops no run from being ended. Chosen by hand.
+const FIRST_PAUSES: u32 = 5000;
 
 type Reader = MotionReader<BufReader<File>>;
 
@@ -88,7 +90,10 @@ impl ReadAhead {
             thread::Builder::new().name("drive-recording".into()).spawn(move || read_on(motion, read));
         let thread: JoinHandle<()> = thread
             .map_err(|cause| ProcessError::Start { what: "the reader of the arm's recording", cause })?;
-        while states.slots() < AHEAD && !thread.is_finished() {
+        for _ in 0..FIRST_PAUSES {
+            if states.slots() == AHEAD || thread.is_finished() {
+                break;
+            }
             thread::sleep(FIRST_PAUSE);
         }
         Ok(Self { states, is_over: false })
