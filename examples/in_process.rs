@@ -1,6 +1,6 @@
 //! A whole closed loop in one process: the same cores as `vservo run --clock lockstep`, without processes and shared
 //! memory. The joint states are the same to the last bit, and so is the state hash. How the cores are put together stands
-//! in `src/sim/system.rs`.
+//! in `src/core/sim/system.rs`.
 //!
 //! ```text
 //! cargo run --release --example in_process                # runs the default configuration

@@ -11,38 +11,14 @@
 #![allow(non_snake_case)] // monogram notation, see `geometry`
 
 pub use nalgebra;
+#[doc(inline)]
+pub use vservo_core::{
+    dispatch_robot, calibration, camera_model, config, control, detect, drive, explain, faults, features, geometry, guardian, imaging, input, linalg, messages, mission, motion, pipeline, pose, report, robot, scene, servo, sim, stereo, target, time, vision,
+};
 
-pub mod calibration;
-pub mod camera_model;
-pub mod config;
-pub mod control;
-pub mod detect;
-pub mod drive;
-pub mod explain;
-pub mod faults;
-pub mod features;
-pub mod geometry;
-pub mod guardian;
-pub mod imaging;
-pub mod input;
-pub mod linalg;
-pub mod messages;
-pub mod mission;
-pub mod motion;
-pub mod pipeline;
-pub mod pose;
 pub mod prelude;
-pub mod report;
-pub mod robot;
-pub mod scene;
-pub mod servo;
-pub mod sim;
-pub mod stereo;
-pub mod target;
-pub mod time;
-pub mod vision;
 
-// Above: pure. Below: the operating system, and what programs alone need.
+// Above: pure, in crates of their own. Below: the operating system, and what programs alone need.
 #[cfg(feature = "cli")]
 pub mod cli;
 #[cfg(feature = "client")]

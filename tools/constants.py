@@ -61,7 +61,8 @@ def main():
         path = file.relative_to(SRC)
         if "tests" in path.parts or path.stem in ("tests", "testing", "test_image"):
             continue
-        folder = path.parts[0] if len(path.parts) > 1 else "."
+        parts = path.parts[1:] if path.parts[0] in ("core", "perception") else path.parts
+        folder = parts[0] if len(parts) > 1 else "."
         found, seen = numbers(file.read_text())
         without[folder] += len(found)
         looked_at[folder] += seen

@@ -48,7 +48,11 @@ class Tree:
         self.file = {}
         for file in src.rglob("*.rs"):
             path = file.relative_to(src).with_suffix("").parts
+            if path[-1] == "lib" and len(path) > 1:
+                continue
             path = path[:-1] if path[-1] in ("mod", "lib") else path
+            # The crates below show their modules under the name of the whole.
+            path = path[1:] if path[:1] in (("core",), ("perception",)) else path
             self.file[path] = without_tests(file.read_text())
             self.code[path] = re.sub(r"//.*", "", self.file[path])
 

@@ -426,7 +426,7 @@ fn every_number_of_a_robot_in_rows() {
     }
     // Nothing is left out of the table above.
     let text =
-        std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("src/robot/dh.rs")).unwrap();
+        std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("src/core/robot/dh.rs")).unwrap();
     let known: BTreeSet<String> =
         all_numbers(&arm_of_rows()).iter().map(|p| last_key(p).to_owned()).collect();
     for line in text

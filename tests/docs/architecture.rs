@@ -20,9 +20,16 @@ fn files(folder: &Path, found: &mut Vec<PathBuf>) {
     }
 }
 
+/// The path of a module: `["servo", "view"]`. The crates below show their modules under the name of the whole.
+fn module_path(path: &Path, src: &Path) -> Vec<String> {
+    let parts = path.strip_prefix(src).unwrap().with_extension("");
+    let crates = usize::from(parts.starts_with("core") || parts.starts_with("perception"));
+    let parts = parts.iter().skip(crates).map(|p| p.to_string_lossy().into_owned());
+    parts.filter(|p| p != "mod" && p != "lib").collect()
+}
+
 fn module_of(path: &Path, src: &Path) -> String {
-    let first = path.strip_prefix(src).unwrap().components().next().unwrap();
-    first.as_os_str().to_string_lossy().trim_end_matches(".rs").to_string()
+    module_path(path, src).into_iter().next().unwrap_or("lib".into())
 }
 
 /// The code without comments and without the test module at the end; one in a file of its own ends nothing.
@@ -80,12 +87,8 @@ fn modules() -> Vec<(Vec<String>, String)> {
     let src = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
     let mut found = Vec::new();
     files(&src, &mut found);
-    let name = |path: &Path| -> Vec<String> {
-        let parts = path.strip_prefix(&src).unwrap().with_extension("");
-        let parts = parts.iter().map(|p| p.to_string_lossy().into_owned());
-        parts.filter(|p| p != "mod" && p != "lib").collect()
-    };
-    let found = found.iter().map(|path| (name(path), code(&std::fs::read_to_string(path).unwrap())));
+    let found =
+        found.iter().map(|path| (module_path(path, &src), code(&std::fs::read_to_string(path).unwrap())));
     found.filter(|(name, _)| !name.iter().any(|part| part == "tests" || part == "testing")).collect()
 }
 
