@@ -13,7 +13,9 @@
 pub use nalgebra;
 #[doc(inline)]
 pub use vservo_core::{
-    dispatch_robot, calibration, camera_model, config, control, detect, drive, explain, faults, features, geometry, guardian, imaging, input, linalg, messages, mission, motion, pipeline, pose, report, robot, scene, servo, sim, stereo, target, time, vision,
+    calibration, camera_model, config, control, detect, dispatch_robot, drive, explain, faults, features,
+    geometry, guardian, imaging, input, linalg, messages, mission, motion, pipeline, pose, report, robot,
+    scene, servo, sim, stereo, target, time, vision,
 };
 
 pub mod prelude;

@@ -18,7 +18,7 @@ import numpy as np
 JOINTS, TICK_NS = 7, 1_000_000
 BRAKE_NS = 100_000_000  # real time: without a command for so long the brakes close
 TORQUE = 0
-TRUTH, START, INITIAL, LAST, LOCKSTEP = 1, 2, 4, 8, 16
+TRUTH, START, INITIAL, LAST, LOCKSTEP, GRAVITY, FRICTION = 1, 2, 4, 8, 16, 64, 128
 READY = 1  # robot_state: of a simulator there is no other
 Joints = ctypes.c_double * JOINTS
 
@@ -26,11 +26,11 @@ Joints = ctypes.c_double * JOINTS
 class DriveCommand(ctypes.Structure):
     _fields_ = [("tick", ctypes.c_uint64), ("sequence", ctypes.c_uint64), ("stamp", ctypes.c_int64),
                 ("joints", ctypes.c_uint32), ("mode", ctypes.c_uint32), ("flags", ctypes.c_uint32), ("arm", ctypes.c_uint32),
-                ("q_r", Joints), ("qd_r", Joints), ("tau", Joints)]
+                ("q_r", Joints), ("qd_r", Joints), ("qdd_r", Joints), ("tau", Joints)]
 
     @staticmethod
     def type_name():
-        return "vservo.DriveCommand.v2"
+        return "vservo.DriveCommand.v3"
 
 
 class DriveState(ctypes.Structure):
@@ -62,7 +62,7 @@ class Arm:
             load.mass, load.inertia, load.explicitinertial = payload_kg, [1e-6] * 3, True
         self.model = spec.compile()
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
-        self.data = mujoco.MjData(self.model)
+        self.data, self.at_rest = mujoco.MjData(self.model), mujoco.MjData(self.model)
         self.effort = efforts(text, [self.model.joint(i).name for i in range(self.model.njnt)])
         self.held = True  # by its brakes, until the first command
 
@@ -79,8 +79,20 @@ class Arm:
         self.data.qvel[:] = 0
         self.held = True
 
-    def obey(self, tau):
-        self.data.qfrc_applied[:] = np.clip(tau[: self.model.nv], -self.effort, self.effort)
+    def own_torques(self, flags):
+        """What this robot adds by itself to torques that do not contain it."""
+        n, m, d, own = self.model.nv, self.model, self.data, np.zeros(self.model.nv)
+        if not flags & GRAVITY:
+            self.at_rest.qpos[:] = d.qpos
+            mujoco.mj_forward(m, self.at_rest)
+            own += self.at_rest.qfrc_bias[:n]
+        if not flags & FRICTION:  # Coulomb friction changes its sign within some mrad/s, so that an arm at rest is not shaken
+            own += m.dof_damping * d.qvel + m.dof_frictionloss * np.tanh(d.qvel / 2e-3)
+        return own
+
+    def obey(self, tau, flags):
+        tau = np.array(tau[: self.model.nv]) + self.own_torques(flags)
+        self.data.qfrc_applied[:] = np.clip(tau, -self.effort, self.effort)
         self.held = False
 
     def state(self, tick, stamp, flags):
@@ -185,7 +197,7 @@ def run(arm, ports, guardian):
                 sys.exit(f"mujoco drive: a command of {c.joints} joints, or with numbers that are none: not obeyed")
             if guardian.stands():
                 continue  # below the brakes are closed, and stay so
-            arm.obey(c.tau)
+            arm.obey(c.tau, c.flags)
             obeyed_ns = time.monotonic_ns()
             if not by_the_clock:
                 arm.step()

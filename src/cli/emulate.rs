@@ -134,7 +134,12 @@ impl JointModel for SimulatedJoints {
         self.q = (*q).into();
         for tick in 1..=ticks {
             let q_r = begin + (self.q - begin) * (tick as f64 / ticks as f64);
-            self.drive.write(&DriveCommand { tau: SVector::zeros(), q_r, qd_r: (*qd).into() });
+            self.drive.write(&DriveCommand {
+                q_r,
+                qd_r: (*qd).into(),
+                tau: SVector::zeros(),
+                qdd_r: SVector::zeros(),
+            });
             self.time = self.time + TICK;
             self.drive.read(self.time);
         }

@@ -144,13 +144,21 @@ impl SimulatedPlant {
 
 impl JointPlant for SimulatedPlant {
     fn follow(&mut self, q_d: &Joints, qd_d: &Joints) -> (Joints, Joints) {
-        let command = DriveCommand { tau: SVector::zeros(), q_r: (*q_d).into(), qd_r: (*qd_d).into() };
+        let command = DriveCommand {
+            tau: SVector::zeros(),
+            q_r: (*q_d).into(),
+            qd_r: (*qd_d).into(),
+            qdd_r: SVector::zeros(),
+        };
         self.step(CommandMode::Position, &command)
     }
 
     fn push(&mut self, tau: &Joints) -> (Joints, Joints) {
         let tau = SVector::from(*tau) + self.robot.gravity(&self.q);
-        self.step(CommandMode::Torque, &DriveCommand { tau, q_r: self.q, qd_r: self.qd })
+        self.step(
+            CommandMode::Torque,
+            &DriveCommand { tau, q_r: self.q, qd_r: self.qd, qdd_r: SVector::zeros() },
+        )
     }
 }
 

@@ -8,7 +8,8 @@
 pub use nalgebra;
 #[doc(inline)]
 pub use vservo_perception::{
-    camera_model, detect, features, geometry, imaging, input, linalg, messages, pipeline, pose, stereo, target, time,
+    camera_model, detect, features, geometry, imaging, input, linalg, messages, pipeline, pose, stereo,
+    target, time,
 };
 
 pub mod calibration;

@@ -185,7 +185,7 @@ mod tests {
     #[test]
     fn every_column_of_a_measured_number_names_its_unit() {
         let config = Config::load(None, &[]).unwrap();
-        for name in ["CameraHealth.v1", "DriveCommand.v2", "DriveState.v3", "FrameHeader.v2", "Request.v3"] {
+        for name in ["CameraHealth.v1", "DriveCommand.v3", "DriveState.v3", "FrameHeader.v2", "Request.v3"] {
             assert!(layout_of(&format!("vservo.{name}")).is_some(), "{name}");
         }
         let layouts = [JointState::LAYOUT, Measurement::LAYOUT, Status::LAYOUT, TraceMsg::LAYOUT];

@@ -13,10 +13,10 @@ use super::supervisor::child::Child;
 use super::{Membership, ProcessError, StopFlag};
 use crate::config::{Clock, Config};
 use crate::dispatch_robot;
-use crate::drive::CommandMode;
 use crate::drive::check::{
     self, ArmFacts, DriveLog, DriveRule, DriveTrial, JointFacts, ProgramExit, RuleVerdict,
 };
+use crate::drive::{CommandMode, TorqueContents};
 use crate::ipc::{Instance, Role};
 use crate::messages::{DriveStateMsg, MAX_JOINTS, drive_flag};
 use crate::robot::JointKind;
@@ -163,6 +163,7 @@ fn one_trial(
         program,
         answer_timeout: external.answer_timeout,
         torques,
+        contents: config.drive.torque_contains.flags(),
         log,
     };
     let result = session.go(config, moves).and_then(|()| session.say_last());
@@ -191,17 +192,19 @@ fn arm_facts(config: &Config, wanted: CommandMode) -> ArmFacts {
 type HoldingTorques = Box<dyn Fn(&[f64; MAX_JOINTS], &DriveStateMsg) -> [f64; MAX_JOINTS]>;
 
 fn holding_torques(config: &Config) -> Result<HoldingTorques, ProcessError> {
-    Ok(dispatch_robot!(config.robot, |robot| torques_of(robot))?)
+    let contents = config.drive.torque_contains;
+    Ok(dispatch_robot!(config.robot, |robot| torques_of(robot, contents))?)
 }
 
-fn torques_of<const N: usize>(robot: crate::robot::Robot<N>) -> HoldingTorques {
+fn torques_of<const N: usize>(robot: crate::robot::Robot<N>, contents: TorqueContents) -> HoldingTorques {
     Box::new(move |q_r, state| {
         let of = |values: &[f64; MAX_JOINTS]| {
             SVector::<f64, N>::from_iterator(values.iter().copied().chain(std::iter::repeat(0.0)).take(N))
         };
         let (q, qd) = (of(&state.q), of(&state.qd));
         let wanted = (of(q_r) - q) * (HOLDING_RAD_S * HOLDING_RAD_S) - qd * (2.0 * HOLDING_RAD_S);
-        let tau = robot.inverse_dynamics(&q, &SVector::zeros(), &wanted);
+        let whole = robot.inverse_dynamics(&q, &SVector::zeros(), &wanted);
+        let tau = if contents.gravity { whole } else { whole - robot.gravity(&q) };
         let mut out = [0.0; MAX_JOINTS];
         for ((to, tau), limits) in out.iter_mut().zip(tau.iter()).zip(robot.limits()) {
             *to = tau.clamp(-limits.effort, limits.effort);

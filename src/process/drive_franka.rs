@@ -3,14 +3,15 @@
 //! ```text
 //! commands ─► low-pass, limits ─► UDP, 1 kHz: positions, velocities, or torques less the weights of the links       states ◄─ UDP, 1 kHz
 //! ```
-//! Torques of control hold the arm against gravity, and so does the robot by itself: the weights of the run's robot file, with its `[tool]`, are taken away.
+//! The robot holds its weight and makes up for its friction by itself. Of torques that contain its weight, which commands tell (`drive.torque_contains`), the weights of the run's robot
+//! file are taken away here, with its `[tool]`; friction is control's to leave out.
 
 use super::drive_robot::{self, RobotArm, joints};
 use super::{ProcessError, StopFlag};
 use crate::config::Config;
 use crate::drive::CommandMode;
 use crate::ipc::Instance;
-use crate::messages::{DriveCommandMsg, DriveStateMsg, RobotState};
+use crate::messages::{DriveCommandMsg, DriveStateMsg, RobotState, drive_flag};
 use crate::robot::Robot;
 use crate::rt::tell;
 use crate::time::MonoNs;
@@ -105,6 +106,9 @@ impl RobotArm for FrankaArm<'_> {
         match (message.mode, &self.model, self.arm.last()) {
             (mode, Some(model), Some(state)) if mode == CommandMode::Torque as u32 => {
                 let tau: [f64; JOINTS] = joints(&message.tau);
+                if message.flags & drive_flag::GRAVITY == 0 {
+                    return Command::Torque(tau);
+                }
                 let weights = model.gravity(&SVector::from(state.q));
                 Command::Torque(std::array::from_fn(|i| tau[i] - weights[i]))
             }

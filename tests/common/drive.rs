@@ -13,6 +13,7 @@ use vservo::config::Config;
 use vservo::drive::{CommandMode, Drive, DriveCommand, SimulatedDrive};
 use vservo::ipc::{Instance as Place, Sender, Services, StopWord};
 use vservo::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, RobotState, drive_flag};
+use vservo::robot::Robot;
 use vservo::rt;
 use vservo::time::TICK;
 use vservo::time::{MonoNs, SpanNs};
@@ -42,6 +43,7 @@ struct TestDrive {
     word: Option<StopWord>,
     guarded: Option<DriveCommandMsg>,
     config: Config,
+    robot_model: Robot<N>,
     /// What the robot is, and how many commands it still takes to clear its error.
     robot: RobotState,
     clears_in: u32,
@@ -70,6 +72,7 @@ impl TestDrive {
             braked: false,
             word: None,
             guarded: None,
+            robot_model: config.robot.build().unwrap(),
             config,
             robot: RobotState::Ready,
             clears_in: CLEARS_AFTER,
@@ -163,8 +166,22 @@ impl TestDrive {
         writeln!(log, "{} {} {speed} {asked}", rt::now().0, u8::from(self.guarded.is_some())).unwrap();
     }
 
+    /// What this robot adds to commanded torques that do not contain it.
+    fn own_torques(&mut self, c: &DriveCommandMsg) -> SVector<f64, N> {
+        let (state, mut own) = (self.drive.read(c.stamp), SVector::zeros());
+        if c.flags & drive_flag::GRAVITY == 0 {
+            own += self.robot_model.gravity(&state.q);
+        }
+        if c.flags & drive_flag::FRICTION == 0 {
+            own += self.robot_model.friction_torque(&state.qd);
+        }
+        own
+    }
+
     fn write(&mut self, c: &DriveCommandMsg) {
-        self.drive.write(&DriveCommand { tau: vector(&c.tau), q_r: vector(&c.q_r), qd_r: vector(&c.qd_r) });
+        let tau = vector(&c.tau) + self.own_torques(c);
+        let (q_r, qd_r, qdd_r) = (vector(&c.q_r), vector(&c.qd_r), vector(&c.qdd_r));
+        self.drive.write(&DriveCommand { tau, q_r, qd_r, qdd_r });
     }
 
     fn obey(&mut self, c: &DriveCommandMsg) {

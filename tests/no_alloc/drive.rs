@@ -33,7 +33,7 @@ impl DriveLink for Echo {
 
 fn exercise<D: Drive<7>>(drive: &mut D) {
     let q = SVector::<f64, 7>::repeat(0.2);
-    let command = DriveCommand { tau: q, q_r: q, qd_r: q * 0.1 };
+    let command = DriveCommand { tau: q, q_r: q, qd_r: q * 0.1, qdd_r: q };
     assert_no_alloc(|| {
         for ms in 0..30 {
             drive.read(MonoNs(ms * 1_000_000));

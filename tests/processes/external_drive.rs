@@ -53,6 +53,22 @@ fn start_logged(instance: &Instance, behaviour: &str, extra: &[&str], log: Optio
 
 const LOCKSTEP: [&str; 2] = ["--clock", "lockstep"];
 
+/// Robots add their weight and their friction to what is commanded, or not: told so, control leaves out what they add, and the arm comes to its goal either way.
+#[test]
+fn torques_contain_what_the_robot_does_not_add() {
+    let settled = |contains: &str| {
+        let set = format!("drive.torque_contains={contains}");
+        let run = external("contents", "", &[&LOCKSTEP[..], &["--set", &set]].concat());
+        assert_accurate(&run);
+        number(&run.summary, &["settling_time_s"])
+    };
+    let whole = settled("[\"gravity\",\"friction\"]");
+    for contains in ["[\"friction\"]", "[\"gravity\"]", "[]"] {
+        let rest = settled(contains);
+        assert!((rest - whole).abs() < 0.1, "{contains}: {rest} s, whole torques: {whole} s");
+    }
+}
+
 #[test]
 fn in_lockstep_it_equals_the_built_in_drive_to_the_last_bit() {
     let cases: [&[&str]; 3] = [

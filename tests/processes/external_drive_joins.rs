@@ -21,7 +21,7 @@ struct LaterState {
 
 #[repr(C)]
 #[derive(Debug, Clone, Copy, ZeroCopySend)]
-#[type_name("vservo.DriveCommand.v2")]
+#[type_name("vservo.DriveCommand.v3")]
 struct GrownCommand {
     tick: u64,
     q_r: [f64; 40],
@@ -92,7 +92,7 @@ fn a_later_drive_must_have_the_right_version() {
     let line = lines.wait_for("yet there is `processes-");
     assert!(line.contains(&format!("(process {})", wrong.id())), "{line}");
     assert!(line.contains("drive/state` carries vservo.DriveState.v3 of 328 bytes"), "{line}");
-    assert!(line.contains("drive/command` vservo.DriveCommand.v2 of 208 bytes"), "{line}");
+    assert!(line.contains("drive/command` vservo.DriveCommand.v3 of 264 bytes"), "{line}");
     wrong.kill().unwrap();
     wrong.wait().unwrap();
     let line = lines.wait_for("no other program has joined");
@@ -118,7 +118,7 @@ fn a_program_that_never_becomes_a_drive_ends_the_run() {
         ("drive.external.command=[\"sleep\", \"600\"]", &["no other program has joined this instance"][..]),
         (
             &format!("drive.external.command={other}"),
-            &["DriveState.v3 of 328 bytes", "expects vservo.DriveCommand.v2 of 208 bytes"],
+            &["DriveState.v3 of 328 bytes", "expects vservo.DriveCommand.v3 of 264 bytes"],
         ),
         (&mute, &["it is there, but does not answer START"]),
     ] {

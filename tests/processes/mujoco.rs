@@ -52,6 +52,20 @@ fn both_arms_converge_under_load_and_repeat_bit_by_bit() {
     }
 }
 
+/// A robot that holds its weight by itself gets torques without it: the same motion, but for rounding, where the robot's model is that of the run file.
+#[test]
+fn an_arm_that_holds_its_weight_gets_the_rest() {
+    let Some(python) = python() else { return };
+    let contains = |what: &str| {
+        let set = format!("drive.torque_contains={what}");
+        mujoco(&python, "ur5", &[], &[&LOCKSTEP[..], &["--set", &set]].concat())
+    };
+    let (whole, rest) = (contains("[\"gravity\", \"friction\"]"), contains("[\"friction\"]"));
+    assert_accurate(&rest);
+    let settled = |run: &Run| crate::common::number(&run.summary, &["settling_time_s"]);
+    assert!((settled(&whole) - settled(&rest)).abs() < 0.02, "{} {}", settled(&whole), settled(&rest));
+}
+
 #[test]
 fn mujoco_and_the_built_in_arm_agree() {
     let Some(python) = python() else { return };

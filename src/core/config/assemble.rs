@@ -287,6 +287,12 @@ pub fn control_loop_with<const N: usize>(
     drive: AnyDrive<N>,
 ) -> Result<LockstepRun<N>, AssembleError> {
     require_controllable(config)?;
+    // A robot that makes up for its friction by itself has none for who commands its torques.
+    let robot = if config.drive.torque_contains.friction {
+        robot
+    } else {
+        robot.with_friction([Friction::default(); N])
+    };
     let q_start = q_start::<N>(config)?;
     let limits = motion_limits(config, &robot)?;
     // A recorded arm is commanded like any other.

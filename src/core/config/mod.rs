@@ -58,7 +58,9 @@ pub use v4l2::{ControlValue, PixelFormatName, Shutter, V4l2Settings};
 pub use wait_for::WaitFor;
 
 use crate::control::safety::ContactReaction;
-use crate::drive::{CommandMode, HardFriction, InnerServo, ShakingBase, Surroundings, TorqueRipple};
+use crate::drive::{
+    CommandMode, HardFriction, InnerServo, ShakingBase, Surroundings, TorqueContents, TorqueRipple,
+};
 use crate::faults::InjectedFaults;
 use crate::motion::WorkspaceSettings;
 use crate::robot::{Inertia, RobotDescription};
@@ -188,6 +190,8 @@ pub struct DriveSettings {
     pub kind: DriveKind,
     /// Its command mode.
     pub mode: CommandMode,
+    /// What commanded torques contain.
+    pub torque_contains: TorqueContents,
     /// Imperfections of the simulated arm.
     pub simulated: SimulatedArm,
     /// A drive in another process.

@@ -22,7 +22,7 @@ pub(super) use super::place::{
     Carrier, MountKind, RawBackdrop, RawBystander, RawMount, RawObject, RawOccluder,
 };
 pub use drive::DriveKind;
-pub(super) use drive::{RawDrive, RawSimulated};
+pub(super) use drive::{RawDrive, RawSimulated, TorquePart};
 pub(super) use faults::{FaultKind, RawFault};
 pub use motion::JointControl;
 pub(super) use motion::RawMotion;

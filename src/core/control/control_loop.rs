@@ -68,7 +68,7 @@ impl<const N: usize> ControlLoop<N> {
             settings,
             ticks: 0,
             sensed: DriveState { q: zero, qd: zero, truth: None },
-            command: DriveCommand { tau: zero, q_r: zero, qd_r: zero },
+            command: DriveCommand { tau: zero, q_r: zero, qd_r: zero, qdd_r: zero },
             ends: false,
             stopped: None,
             joint_state: JointState::default(),

@@ -199,14 +199,15 @@ impl<const N: usize> Gate<N> {
     /// would keep that one for ever.
     #[must_use]
     pub fn last(&self) -> DriveCommand<N> {
-        DriveCommand { qd_r: SVector::zeros(), ..self.passed() }
+        DriveCommand { qd_r: SVector::zeros(), qdd_r: SVector::zeros(), ..self.passed() }
     }
 
     /// The last command that has passed.
     #[must_use]
     pub fn passed(&self) -> DriveCommand<N> {
         let of = |part: fn(&JointMotion) -> f64| SVector::from_iterator(self.passed.iter().map(part));
-        DriveCommand { tau: self.tau.unwrap_or_else(SVector::zeros), q_r: of(|m| m.q), qd_r: of(|m| m.v) }
+        let tau = self.tau.unwrap_or_else(SVector::zeros);
+        DriveCommand { tau, q_r: of(|m| m.q), qd_r: of(|m| m.v), qdd_r: of(|m| m.a) }
     }
 }
 

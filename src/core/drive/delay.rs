@@ -55,7 +55,7 @@ mod tests {
             assert!(d.arrived().is_none());
             for k in 0..20 {
                 let v = Vector1::new(f64::from(k));
-                d.push(&DriveCommand { tau: v, q_r: v, qd_r: v });
+                d.push(&DriveCommand { tau: v, q_r: v, qd_r: v, qdd_r: v });
                 let wanted = usize::try_from(k).unwrap().checked_sub(ticks).map(|k| k as f64);
                 assert_eq!(d.arrived().map(|c| c.tau[0]), wanted, "delay {ticks}");
             }

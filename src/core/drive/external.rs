@@ -6,8 +6,11 @@
 //! ```
 //! How messages travel is the link's matter; nothing here waits or allocates.
 
-use super::{CommandMode, Drive, DriveCommand, DriveFault, DriveHealth, DriveState, RobotReport};
+use super::{
+    CommandMode, Drive, DriveCommand, DriveFault, DriveHealth, DriveState, RobotReport, TorqueContents,
+};
 use crate::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, RobotState, drive_flag};
+use crate::robot::Robot;
 use crate::time::TICK;
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::SVector;
@@ -41,6 +44,9 @@ pub struct ExternalDrive<const N: usize> {
     health: DriveHealth,
     /// Whether the robot is asked to clear its error.
     clears: bool,
+    contents: TorqueContents,
+    /// The arm whose weight the robot holds by itself.
+    self_carried: Option<Box<Robot<N>>>,
 }
 
 impl<const N: usize> ExternalDrive<N> {
@@ -60,21 +66,35 @@ impl<const N: usize> ExternalDrive<N> {
             last_tick: None,
             health: DriveHealth::default(),
             clears: false,
+            contents: TorqueContents::WHOLE,
+            self_carried: None,
         }
     }
 
+    /// Sends torques with these contents alone. Without gravity the weight of `robot`, tool included, is taken from them; without friction
+    /// control must know of none, and nothing is taken from them here.
+    #[must_use]
+    pub fn with_contents(mut self, contents: TorqueContents, robot: Robot<N>) -> Self {
+        self.contents = contents;
+        self.self_carried = (!contents.gravity && self.mode == CommandMode::Torque).then(|| Box::new(robot));
+        self
+    }
+
     fn send(&mut self, command: &DriveCommand<N>, tick: u64, flags: u32) {
+        let weight =
+            self.self_carried.as_ref().map_or(SVector::zeros(), |robot| robot.gravity(&self.state.q));
         self.link.send(&DriveCommandMsg {
             tick,
             sequence: 0, // whoever sends it counts
             stamp: self.now,
             joints: N as u32,
             mode: self.mode as u32,
-            flags,
+            flags: flags | self.contents.flags(),
             arm: 0,
             q_r: padded(&command.q_r),
             qd_r: padded(&command.qd_r),
-            tau: padded(&command.tau),
+            qdd_r: padded(&command.qdd_r),
+            tau: padded(&(command.tau - weight)),
         });
     }
 

@@ -70,6 +70,7 @@ mod tests {
             tau: Vector2::zeros(),
             q_r: Vector2::new(1.0, 2.0),
             qd_r: Vector2::new(0.5, -0.25),
+            qdd_r: Vector2::zeros(),
         };
         let mut position = IdealDrive::new(start);
         let mut velocity = IdealDrive::new(start).by_velocity();

@@ -27,6 +27,7 @@ mod recorded;
 mod simulated;
 mod standstill;
 mod surroundings;
+mod torque_contents;
 
 pub use delay::MAX_DELAY;
 pub use disturbances::{ShakingBase, TorqueRipple};
@@ -40,6 +41,7 @@ pub use recorded::{NextState, RecordedDrive, RecordedMotion};
 pub use simulated::{SimulatedDrive, SimulatedDriveError, SimulatedDriveSettings};
 pub use standstill::StandstillDrive;
 pub use surroundings::{Jam, Push, Surroundings, Wall};
+pub use torque_contents::TorqueContents;
 
 use crate::messages::RobotState;
 use crate::time::MonoNs;
@@ -65,6 +67,8 @@ pub struct DriveCommand<const N: usize> {
     pub q_r: SVector<f64, N>,
     /// Reference velocities.
     pub qd_r: SVector<f64, N>,
+    /// Reference accelerations.
+    pub qdd_r: SVector<f64, N>,
 }
 
 /// Why a drive's states cannot be used any more.

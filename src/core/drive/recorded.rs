@@ -149,7 +149,12 @@ mod tests {
             [0, 1000, 2040, 3000, 3990].map(|us| arm.read(MonoNs(5_000 + us * 1000)).q[0]).into();
         assert_eq!(read, [0.0, 1.0, 2.0, 2.0, 4.0]);
         assert!(arm.is_over(), "with the last state it is known that none follows");
-        arm.write(&DriveCommand { tau: SVector::zeros(), q_r: SVector::zeros(), qd_r: SVector::zeros() });
+        arm.write(&DriveCommand {
+            tau: SVector::zeros(),
+            q_r: SVector::zeros(),
+            qd_r: SVector::zeros(),
+            qdd_r: SVector::zeros(),
+        });
         assert_eq!(arm.read(MonoNs(9_000_000)).q[0], 4.0, "it stays where it was last");
         assert_eq!(arm.health().late_states, 0);
     }

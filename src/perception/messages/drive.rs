@@ -21,7 +21,7 @@ use crate::time::MonoNs;
 use iceoryx2::prelude::ZeroCopySend;
 
 record! {
-    "vservo.DriveCommand.v2",
+    "vservo.DriveCommand.v3",
     /// A command to an external drive.
     #[derive(Debug, Clone, Copy, Default, PartialEq)]
     pub struct DriveCommandMsg {
@@ -43,7 +43,9 @@ record! {
         pub q_r: [f64; MAX_JOINTS],
         /// Reference velocities, rad/s or m/s.
         pub qd_r: [f64; MAX_JOINTS],
-        /// Torques or forces, N m or N.
+        /// Reference accelerations, rad/s^2 or m/s^2: how `qd_r` changes in this tick.
+        pub qdd_r: [f64; MAX_JOINTS],
+        /// Torques or forces, N m or N; what they contain is told by [`drive_flag::GRAVITY`] and [`drive_flag::FRICTION`].
         pub tau: [f64; MAX_JOINTS],
     }
 }
@@ -100,6 +102,10 @@ pub mod drive_flag {
     /// Command: somebody has asked for a reset while the robot reported a [`RobotState`](super::RobotState) that can be cleared. The drive clears the robot's
     /// error, holds the arm until that is done, and then reports `Ready`. Without this bit it clears nothing.
     pub const CLEAR: u32 = 32;
+    /// Command: `tau` holds the arm's weight. Without this bit the robot is to add what does (`drive.torque_contains`).
+    pub const GRAVITY: u32 = 64;
+    /// Command: `tau` makes up for the friction of the joints. Without this bit the robot is to do so (`drive.torque_contains`).
+    pub const FRICTION: u32 = 128;
 }
 
 /// What a robot is beside its joints.
@@ -191,10 +197,10 @@ mod tests {
 
     #[test]
     fn layouts_are_fixed() {
-        assert_eq!((size_of::<DriveCommandMsg>(), align_of::<DriveCommandMsg>()), (208, 8));
+        assert_eq!((size_of::<DriveCommandMsg>(), align_of::<DriveCommandMsg>()), (264, 8));
         assert_eq!(offset_of!(DriveCommandMsg, joints), 24);
         assert_eq!(offset_of!(DriveCommandMsg, q_r), 40);
-        assert_eq!(offset_of!(DriveCommandMsg, tau), 152);
+        assert_eq!((offset_of!(DriveCommandMsg, qdd_r), offset_of!(DriveCommandMsg, tau)), (152, 208));
         assert_eq!((size_of::<DriveStateMsg>(), align_of::<DriveStateMsg>()), (328, 8));
         assert_eq!(offset_of!(DriveStateMsg, modes), 28);
         assert_eq!((offset_of!(DriveStateMsg, robot_state), offset_of!(DriveStateMsg, robot_code)), (40, 44));
@@ -207,7 +213,7 @@ mod tests {
     fn type_names_carry_their_version() {
         // SAFETY: the names are only read.
         let names = unsafe { (DriveCommandMsg::type_name(), DriveStateMsg::type_name()) };
-        assert_eq!(names, ("vservo.DriveCommand.v2", "vservo.DriveState.v3"));
+        assert_eq!(names, ("vservo.DriveCommand.v3", "vservo.DriveState.v3"));
     }
 
     #[test]

@@ -93,7 +93,8 @@ pub(super) fn open<'a, const N: usize>(
     let q_start: SVector<f64, N> = crate::config::assemble::q_start(config)?;
     let lost_commands = Lost::default();
     let link = Box::new(Rings { states, commands, lost_commands: lost_commands.clone() });
-    let drive = ExternalDrive::new(link, config.drive.mode, timeout, q_start);
+    let drive = ExternalDrive::new(link, config.drive.mode, timeout, q_start)
+        .with_contents(config.drive.torque_contains, config.robot.build()?);
     let (state, wake_listener) = services.drive_state_receiver()?;
     let command = services.drive_command_sender()?;
     let answer_timeout = config.drive.external.answer_timeout;
@@ -127,7 +128,7 @@ impl DrivePorts<'_> {
         let mut start = DriveCommandMsg {
             joints: config.start.q.len() as u32,
             mode: config.drive.mode as u32,
-            flags: drive_flag::START,
+            flags: drive_flag::START | config.drive.torque_contains.flags(),
             ..DriveCommandMsg::default()
         };
         if config.clock == Clock::Lockstep {

@@ -43,6 +43,8 @@ pub(super) struct TrialSession<'a> {
     /// Longest wait for an answer in lockstep.
     pub(super) answer_timeout: SpanNs,
     pub(super) torques: HoldingTorques,
+    /// What they contain, as bits of the commands.
+    pub(super) contents: u32,
     pub(super) log: DriveLog,
 }
 
@@ -173,7 +175,7 @@ impl TrialSession<'_> {
         if self.log.trial == DriveTrial::WrongJoints {
             command.joints -= 1;
         } else {
-            for values in [&mut command.q_r, &mut command.qd_r, &mut command.tau] {
+            for values in [&mut command.q_r, &mut command.qd_r, &mut command.qdd_r, &mut command.tau] {
                 *values = [f64::NAN; MAX_JOINTS];
             }
         }
@@ -256,6 +258,7 @@ impl TrialSession<'_> {
     fn message(&self, tick: u64, flags: u32) -> DriveCommandMsg {
         let stamp = if self.log.arm.lockstep { MonoNs::ZERO } else { now() };
         let (joints, mode) = (self.log.arm.joints.len() as u32, self.log.mode as u32);
+        let flags = flags | self.contents;
         DriveCommandMsg { tick, stamp, joints, mode, flags, ..DriveCommandMsg::default() }
     }
 

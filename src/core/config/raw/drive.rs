@@ -20,6 +20,16 @@ word! {
     }
 }
 
+word! {
+    /// A part of the torques that an arm needs.
+    TorquePart {
+        /// What holds the arm's weight.
+        Gravity,
+        /// What makes up for the friction of the joints.
+        Friction,
+    }
+}
+
 table! {
     /// The arm's drive.
     RawDrive {
@@ -27,6 +37,8 @@ table! {
         kind: DriveKind = DriveKind::Simulated,
         /// What the drive is commanded by; where it is left out: `torque`, for the ideal drive `position`.
         mode: Option<CommandMode> = None,
+        /// External drives in mode torque: what the commanded torques contain; the robot adds the rest by itself.
+        torque_contains: Vec<TorquePart> = vec![TorquePart::Gravity, TorquePart::Friction],
         /// `[drive.simulated]`
         simulated: RawSimulated = RawSimulated::default(),
         /// `[drive.external]`

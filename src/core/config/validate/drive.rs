@@ -3,11 +3,11 @@
 use super::start::load;
 use crate::config::check::Validation;
 use crate::config::frame_source::SourceKind;
-use crate::config::raw::{DriveKind, RawConfig, RawSimulated, SchemeKind, Task};
+use crate::config::raw::{DriveKind, RawConfig, RawSimulated, SchemeKind, Task, TorquePart};
 use crate::config::{DriveProgram, DriveSettings, SimulatedArm};
 use crate::drive::{
-    CommandMode, HardFriction, InnerServo, Jam, MAX_DELAY, Push, ShakingBase, Surroundings, TorqueRipple,
-    Wall,
+    CommandMode, HardFriction, InnerServo, Jam, MAX_DELAY, Push, ShakingBase, Surroundings, TorqueContents,
+    TorqueRipple, Wall,
 };
 use crate::robot::{Inertia, RobotDescription};
 use crate::time::SpanNs;
@@ -89,13 +89,32 @@ pub(super) fn drive(
         answer_timeout: SpanNs::from_s(answer_timeout_s),
         connect_timeout: SpanNs::from_s(connect_timeout_s),
     };
+    let mode = mode(raw, check);
     DriveSettings {
         kind: d.kind,
-        mode: mode(raw, check),
+        mode,
+        torque_contains: torque_contains(raw, mode, check),
         simulated,
         external,
         recording: d.replay.recording.clone(),
     }
+}
+
+/// What commanded torques contain: all that the arm needs, unless a robot adds some of it by itself.
+fn torque_contains(raw: &RawConfig, mode: CommandMode, check: &mut Validation<'_>) -> TorqueContents {
+    let told = &raw.drive.torque_contains;
+    let contents = TorqueContents {
+        gravity: told.contains(&TorquePart::Gravity),
+        friction: told.contains(&TorquePart::Friction),
+    };
+    let is_taken = raw.drive.kind == DriveKind::External && mode == CommandMode::Torque;
+    if contents != TorqueContents::WHOLE && !is_taken {
+        check.wrong(
+            "drive.torque_contains",
+            "only an external drive in mode torque adds torques by itself: leave it out, or set drive.kind = \"external\" and drive.mode = \"torque\"",
+        );
+    }
+    contents
 }
 
 /// The load of the simulated arm.

@@ -239,7 +239,7 @@ mod tests {
             ticks += 1;
             let now = MonoNs(if told { k } else { ticks } * 1_000_000);
             let state = DriveState { q, qd, truth: None };
-            let command = DriveCommand { tau, q_r: q, qd_r: qd };
+            let command = DriveCommand { tau, q_r: q, qd_r: qd, qdd_r: SVector::zeros() };
             watch.note(now, &robot, &mut control, Some((&state, &command)));
             if k > 1500 {
                 most = most.max(watch.excess().max());

@@ -1,4 +1,5 @@
 use super::*;
+use crate::robot::load;
 use nalgebra::Vector2;
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
@@ -92,6 +93,7 @@ fn commands_are_numbered_by_time_and_the_last_one_says_so() {
         tau: Vector2::new(1.0, 2.0),
         q_r: Vector2::new(3.0, 4.0),
         qd_r: Vector2::new(5.0, 6.0),
+        qdd_r: Vector2::new(7.0, 8.0),
     };
     let last = DriveCommand { qd_r: Vector2::zeros(), ..c };
     d.end(&last);
@@ -137,7 +139,12 @@ fn the_robot_is_heard_and_asked_to_clear_its_error() {
         d.read(at(ms));
         d.health().robot
     };
-    let command = DriveCommand { tau: Vector2::zeros(), q_r: Vector2::zeros(), qd_r: Vector2::zeros() };
+    let command = DriveCommand {
+        tau: Vector2::zeros(),
+        q_r: Vector2::zeros(),
+        qd_r: Vector2::zeros(),
+        qdd_r: Vector2::zeros(),
+    };
     assert_eq!(d.health().robot, RobotReport::default(), "nothing was told");
     let stop = RobotReport { state: RobotState::ProtectiveStop, code: 703 };
     assert_eq!(hears(&mut d, 1, 6), stop);
@@ -150,4 +157,41 @@ fn the_robot_is_heard_and_asked_to_clear_its_error() {
     d.write(&command);
     let flags: Vec<_> = wire.sent().iter().map(|c| c.flags).collect();
     assert_eq!(flags, [0, drive_flag::CLEAR, 0]);
+}
+
+#[test]
+fn torques_leave_out_the_weight_that_the_robot_holds() {
+    let robot: Robot<2> = load("pan_tilt").unwrap().build().unwrap();
+    let robot = robot.with_gravity(nalgebra::Vector3::new(3.0, -4.0, -8.0));
+    let (q, tau) = (Vector2::new(0.3, 0.3), Vector2::new(0.25, -0.5));
+    let weight = robot.gravity(&q);
+    assert!(weight.amin() > 1e-6, "{weight}");
+    for (gravity, friction, flags) in [
+        (true, true, drive_flag::GRAVITY | drive_flag::FRICTION),
+        (true, false, drive_flag::GRAVITY),
+        (false, true, drive_flag::FRICTION),
+        (false, false, 0),
+    ] {
+        let wire = Wire::default();
+        let (mode, contents) = (CommandMode::Torque, TorqueContents { gravity, friction });
+        let link = Box::new(wire.clone());
+        let mut d = ExternalDrive::new(link, mode, SpanNs(20_000_000), Vector2::zeros())
+            .with_contents(contents, robot.clone());
+        wire.state(0, 0.3, 0);
+        d.read(at(0));
+        let command =
+            DriveCommand { tau, q_r: q, qd_r: Vector2::new(0.1, 0.2), qdd_r: Vector2::new(1.0, -2.0) };
+        d.write(&command);
+        d.end(&command);
+        for sent in wire.sent() {
+            let given = if gravity { tau } else { tau - weight };
+            assert_eq!(sent.tau[..2], *given.as_slice(), "{contents:?}");
+            assert_eq!(
+                (sent.qd_r[..2].to_vec(), sent.qdd_r[..2].to_vec()),
+                (vec![0.1, 0.2], vec![1.0, -2.0])
+            );
+            assert_eq!(sent.flags & !drive_flag::LAST, flags);
+        }
+        assert_eq!(wire.sent().len(), 2);
+    }
 }

@@ -23,7 +23,7 @@ fn command<const N: usize>(
     q_r: SVector<f64, N>,
     qd_r: SVector<f64, N>,
 ) -> DriveCommand<N> {
-    DriveCommand { tau, q_r, qd_r }
+    DriveCommand { tau, q_r, qd_r, qdd_r: nalgebra::SVector::zeros() }
 }
 
 fn free<const N: usize>() -> DriveCommand<N> {

@@ -77,7 +77,7 @@ fn follow<const N: usize>(
         let now = ReferenceState { q: before.q, qd: before.qd, ..after };
         let (q, qd) = control.observe(robot, &state.q, &state.qd);
         let torque = control.torque(robot, &q, &qd, &now);
-        drive.write(&DriveCommand { tau: torque.tau, q_r: after.q, qd_r: after.qd });
+        drive.write(&DriveCommand { tau: torque.tau, q_r: after.q, qd_r: after.qd, qdd_r: after.a });
         let (q, qd) = state.truth.unwrap();
         see(&Tick { ms, q, qd, reference: &now, control: &control });
     }
@@ -112,7 +112,7 @@ proptest! {
             .torque(&robot, &q, &qd, &at_rest(q.add_scalar(1e-3))).tau;
         let mut drive = SimulatedDrive::new(robot, q, ArmSettings::default()).unwrap().with_velocity(qd);
         drive.read(MonoNs(0));
-        drive.write(&DriveCommand { tau, q_r: q, qd_r: qd });
+        drive.write(&DriveCommand { tau, q_r: q, qd_r: qd, qdd_r: Vector6::zeros() });
         let qdd = (drive.read(MonoNs(1_000_000)).qd - qd) * 1e3;
         let wanted = Vector6::repeat(400.0 * 1e-3) - qd * 28.0;
         prop_assert!((qdd - wanted).amax() < 1e-4 * (1.0 + wanted.amax()), "{qdd} {wanted}");
