@@ -19,14 +19,16 @@ const APART: f64 = 0.09;
 pub struct LawTime {
     /// The law.
     pub law: String,
-    /// From the state of the drive to its command, median, us.
+    /// From the state of the drive to its command, median, us; of an entrant from what it is sent to its answer.
     pub step_us: Option<f64>,
+    /// Whether it is an entrant's, a round trip to another process.
+    pub round_trip: bool,
 }
 
 /// The page.
 #[must_use]
 pub fn benchmark_page(results: &BenchmarkResults, times: &[LawTime]) -> String {
-    let mut sections = vec![verdict(results), totals(results, times), losses(results)];
+    let mut sections = vec![verdict(results), totals(results, times), entrants(results), losses(results)];
     for task in &results.tasks {
         sections.push(section(task));
     }
@@ -58,8 +60,9 @@ fn totals(results: &BenchmarkResults, times: &[LawTime]) -> String {
     html += "<div class=\"wide-table\"><table class=\"scores\"><tr><th>law</th><th>what it is</th><th class=\"n\">starts home</th><th class=\"n\">all home in</th>\
              <th class=\"n\">best in</th><th class=\"n\">control step, us</th></tr>";
     for ((law, [home, starts, whole, best]), (_, about)) in results.totals().iter().zip(&results.laws) {
-        let step = times.iter().find(|time| time.law == *law).and_then(|time| time.step_us);
-        let step = step.map_or("-".into(), |us| significant(us, 3));
+        let time = times.iter().find(|time| time.law == *law);
+        let step = time.and_then(|time| time.step_us).map_or("-".into(), |us| significant(us, 3));
+        let step = step + if time.is_some_and(|time| time.round_trip) { " round trip" } else { "" };
         // a String takes everything
         let _ = write!(
             html,
@@ -67,6 +70,29 @@ fn totals(results: &BenchmarkResults, times: &[LawTime]) -> String {
             escaped(law),
             escaped(about),
             results.tasks.len()
+        );
+    }
+    html + "</table></div>\n"
+}
+
+/// The programs of others, with all that they say of themselves; nothing where none takes part.
+fn entrants(results: &BenchmarkResults) -> String {
+    if results.entrants.is_empty() {
+        return String::new();
+    }
+    let says = "Programs of others, on the same cell: its camera, its vision, its arm with its limits, its latencies. Their control step is the round trip of a question and its answer, \
+                which they do not pay for in simulated time.";
+    let mut html = heading("Entrants", says);
+    html += "<div class=\"wide-table\"><table class=\"scores\"><tr><th>entrant</th><th>what it is</th><th>settings</th><th>command</th><th>sees</th></tr>";
+    for entrant in &results.entrants {
+        let sees = if entrant.frames { "features and frames" } else { "features" };
+        let _ = write!(
+            html,
+            "<tr><td>{}</td><td>{}</td><td>{}</td><td><code>{}</code></td><td>{sees}</td></tr>",
+            escaped(&entrant.name),
+            escaped(&entrant.about),
+            escaped(&entrant.settings_in_words()),
+            escaped(&entrant.command)
         );
     }
     html + "</table></div>\n"
