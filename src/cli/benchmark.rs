@@ -188,11 +188,12 @@ impl StartingField {
             1 => " and an entrant".into(),
             n => format!(" and {n} entrants"),
         };
-        tell(format_args!(
-            "vservo: {runs} runs, {} starts under {} laws{others}, on {threads} threads",
-            self.scenarios.len(),
-            self.suite.laws.len()
-        ));
+        let laws = match self.suite.laws.len() {
+            1 => "one law".into(),
+            n => format!("{n} laws"),
+        };
+        let starts = self.scenarios.len();
+        tell(format_args!("vservo: {runs} runs, {starts} starts under {laws}{others}, on {threads} threads"));
         let (done, tenth) = (AtomicUsize::new(0), runs.div_ceil(10).max(1));
         let flown = on_threads(threads, &jobs, |(scenario, k)| {
             let result = self.one_run(scenario, *k, truth)?;
@@ -239,9 +240,14 @@ impl StartingField {
 }
 
 fn words(times: &[LawTime]) -> String {
-    let told = times.iter().filter_map(|t| Some(format!("{} {:.2}", t.law, t.step_us?)));
-    format!(
-        "\ntime of a control step on this machine, as loaded as it was, us: {}\n",
-        told.collect::<Vec<_>>().join(", ")
-    )
+    let told = |round_trip: bool| {
+        let of = times.iter().filter(move |time| time.round_trip == round_trip);
+        of.filter_map(|t| Some(format!("{} {:.2}", t.law, t.step_us?))).collect::<Vec<_>>().join(", ")
+    };
+    let steps =
+        format!("\ntime of a control step on this machine, as loaded as it was, us: {}\n", told(false));
+    match told(true) {
+        none if none.is_empty() => steps,
+        trips => format!("{steps}round trip to an entrant and back, us: {trips}\n"),
+    }
 }

@@ -119,7 +119,9 @@ fn a_program_takes_part_and_its_scores_can_be_computed_anew() {
     assert!(times[2]["round_trip"] == true && times[2]["step_us"].as_f64().unwrap() > 1.0, "{times}");
     let page = std::fs::read_to_string(folder.path().join("one/index.html")).unwrap();
     assert!(
-        page.contains("Entrants") && page.contains("mean interaction matrix") && page.contains("round trip")
+        page.contains("Entrants")
+            && page.contains("mean interaction matrix")
+            && page.contains("round trip, us")
     );
     // 5 starts, two laws and an entrant
     let anew = || {

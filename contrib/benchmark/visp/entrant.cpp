@@ -1,10 +1,12 @@
 // vpServo of ViSP as an entrant of `vservo benchmark`: eye-in-hand, image-based on points or position-based on translation and theta u.
 //
-//   entrant current|mean|pbvs [LAMBDA | LAMBDA_0 LAMBDA_INF SLOPE]
+//   entrant current|mean|pbvs [LAMBDA | LAMBDA_0 LAMBDA_INF SLOPE [PRODUCT]]
 //
-// One number is a constant gain (1/s), three are those of vpAdaptiveGain: at an error of zero, at a large one, and the slope at zero. README.md says how to build it.
+// One number is a constant gain (1/s), three are those of vpAdaptiveGain: at an error of zero, at a large one, and the slope at zero. A fourth is the largest product of
+// gain and delay: where LAMBDA_0 times the delay of the cell (latency and half a frame) is more, all gains are that much less. README.md says how to build it.
 // SPDX-License-Identifier: MIT OR Apache-2.0
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <iostream>
@@ -74,8 +76,11 @@ public:
     else is_ready = pose_from(goal["features"], model, cdMo);
     task.setServo(vpServo::EYEINHAND_CAMERA);
     task.setInteractionMatrixType(law == "mean" ? vpServo::MEAN : vpServo::CURRENT, vpServo::PSEUDO_INVERSE);
-    if (gains.size() == 3) task.setLambda(gains[0], gains[1], gains[2]);
-    else task.setLambda(gains[0]);
+    const json &camera = begin["camera"];
+    const double delay_s = camera["latency_s"].get<double>() + 0.5 / camera["rate_hz"].get<double>();
+    const double share = gains.size() == 4 ? std::min(1.0, gains[3] / (gains[0] * delay_s)) : 1.0;
+    if (gains.size() == 1) task.setLambda(gains[0]);
+    else task.setLambda(gains[0] * share, gains[1] * share, gains[2] * share);
     if (pbvs) {
       task.addFeature(t);
       task.addFeature(tu);
@@ -136,8 +141,9 @@ json card(const std::string &law, const std::vector<double> &gains) {
                                           : "image-based, points, matrix " + law + ", depths from vpPose";
   const std::string version = std::to_string(VISP_VERSION_MAJOR) + "." + std::to_string(VISP_VERSION_MINOR);
   json settings;
-  if (gains.size() == 3) settings = {{"vpAdaptiveGain", gains}};
-  else settings = {{"lambda_1_s", gains[0]}};
+  if (gains.size() == 1) settings["lambda_1_s"] = gains[0];
+  else settings["vpAdaptiveGain"] = {gains[0], gains[1], gains[2]};
+  if (gains.size() == 4) settings["largest_gain_times_delay"] = gains[3];
   return {{"about", "vpServo of ViSP " + version + ": " + about}, {"settings", settings}};
 }
 
@@ -148,8 +154,8 @@ int main(int argc, char **argv) {
   std::vector<double> gains;
   for (int i = 2; i < argc; ++i) gains.push_back(std::stod(argv[i]));
   if (gains.empty()) gains = {0.5};
-  if ((law != "current" && law != "mean" && law != "pbvs") || (gains.size() != 1 && gains.size() != 3)) {
-    std::cerr << "usage: entrant current|mean|pbvs [LAMBDA | LAMBDA_0 LAMBDA_INF SLOPE]\n";
+  if ((law != "current" && law != "mean" && law != "pbvs") || gains.size() == 2 || gains.size() > 4) {
+    std::cerr << "usage: entrant current|mean|pbvs [LAMBDA | LAMBDA_0 LAMBDA_INF SLOPE [PRODUCT]]\n";
     return 2;
   }
   // Answers go to what was stdout; what ViSP prints goes to stderr.

@@ -285,13 +285,16 @@ impl BenchmarkResults {
                 text += "\n";
             }
         }
+        if !self.entrants.is_empty() {
+            text += "\nentrants: what they are, their settings, and how they were started\n";
+        }
         for entrant in &self.entrants {
             text += &format!(
-                "\nentrant {} (`{}`): {}; {}",
+                "  {}: {}; {}; `{}`\n",
                 entrant.name,
-                entrant.command,
                 entrant.about,
-                entrant.settings_in_words()
+                entrant.settings_in_words(),
+                entrant.command
             );
         }
         text += "\nall tasks: starts brought home, tasks of which all are, tasks in which it is best\n";
