@@ -1,30 +1,27 @@
-//! `vservo benchmark [--suite NAME|FILE.toml] [--law NAME]... --out DIR`: what each law makes of the tasks of a suite.
+//! `vservo benchmark [--suite NAME|FILE.toml] [--law NAME]... [--entrant [NAME=]COMMAND]... --out DIR`: what each law, and each program that takes part, makes of
+//! the tasks of a suite.
 //!
-//! `benchmark.json` is the same to the last byte on any load and number of threads; what depends on the machine, the time of a control step under each law, is
-//! in `times.json`.
+//! `benchmark.json` is the same to the last byte on any load and number of threads, where entrants answer the same to the same; what depends on the machine, the time of a
+//! control step under each law and of a round trip to each entrant, is in `times.json`.
+
+mod entrants;
+mod timed_drives;
 
 use super::all_cores::{cores, on_threads};
 use super::{json, shown, write_result};
-use crate::config::Config;
-use crate::config::assemble::{self, AnyDrive};
-use crate::drive::{CommandMode, Drive, DriveCommand, DriveHealth, DriveState};
 use crate::input::{file, printable};
 use crate::process::ProcessError;
-use crate::robot::Robot;
-use crate::rt::{now, tell};
+use crate::rt::{tell, write_file};
 use crate::sim::benchmark::{
-    BenchmarkError, BenchmarkResults, BenchmarkScenario, BenchmarkSuite, LawTime, RunScores, SHIPPED_SUITES,
-    benchmark_page, fly, scenario,
+    BenchmarkError, BenchmarkResults, BenchmarkScenario, BenchmarkSuite, EntrantCard, LawTime, Participant,
+    RunScores, RunTruth, SHIPPED_SUITES, benchmark_page, fly, scenario,
 };
-use crate::sim::{Drives, SimError};
-use crate::time::MonoNs;
 use clap::Args;
+use entrants::{EntrantProgram, enrolled};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex};
-
-/// Times of a run that are kept. Chosen by hand: ten seconds of ticks, from which a median is taken.
-const KEPT: usize = 10_000;
+use std::time::Duration;
+use timed_drives::TimedDrives;
 
 /// Arguments of `vservo benchmark`.
 #[derive(Debug, Args)]
@@ -35,6 +32,15 @@ pub struct BenchmarkArguments {
     /// Only this law of the suite; may be repeated
     #[arg(long = "law", value_name = "NAME")]
     pub laws: Vec<String>,
+    /// A program that takes part, started by the shell for each run, which answers JSON lines; may be repeated
+    #[arg(long = "entrant", value_name = "[NAME=]COMMAND")]
+    pub entrants: Vec<String>,
+    /// Longest time for an answer of an entrant; one that takes longer loses the run
+    #[arg(long, value_name = "SECONDS", default_value = "10", value_parser = answer_time)]
+    pub entrant_timeout: Duration,
+    /// Also write what was true at each tick of each run, to DIR/truth
+    #[arg(long, requires = "out")]
+    pub truth: bool,
     /// Folder for benchmark.json, times.json and index.html; made when it does not exist
     #[arg(long, value_name = "DIR", required_unless_present = "print")]
     pub out: Option<PathBuf>,
@@ -44,6 +50,15 @@ pub struct BenchmarkArguments {
     /// Print a shipped suite, to start from, and do nothing else
     #[arg(long, value_name = "NAME")]
     pub print: Option<String>,
+}
+
+/// Seconds that a program may take to answer. Chosen by hand: no process answers a pipe within less, and who waits for an hour waits for nothing.
+const ANSWER_S: (f64, f64) = (1e-3, 3600.0);
+
+fn answer_time(text: &str) -> Result<Duration, String> {
+    let seconds: Option<f64> = text.parse().ok().filter(|s| *s >= ANSWER_S.0 && *s <= ANSWER_S.1);
+    let expected = || format!("expected seconds, {} to {}", ANSWER_S.0, ANSWER_S.1);
+    seconds.map(Duration::from_secs_f64).ok_or_else(expected)
 }
 
 /// # Errors
@@ -91,13 +106,15 @@ fn suite(name: &str) -> Result<BenchmarkSuite, BenchmarkError> {
 
 /// Everything: the outer error is that of the folder, the inner that of the suite.
 fn measure(arguments: &BenchmarkArguments, out: &Path) -> Result<Result<u8, BenchmarkError>, ProcessError> {
-    let suite = match suite(&arguments.suite).and_then(|suite| suite.with_laws(&arguments.laws)) {
-        Ok(suite) => suite,
+    let threads = arguments.threads.map_or_else(cores, usize::from);
+    let field = match StartingField::of(arguments, threads) {
+        Ok(field) => field,
         Err(error) => return Ok(Err(error)),
     };
-    std::fs::create_dir_all(out).map_err(|cause| ProcessError::Write { path: out.into(), cause })?;
-    let threads = arguments.threads.map_or_else(cores, usize::from);
-    Ok(flown(&suite, threads).map(|(results, times)| {
+    let truth = out.join("truth");
+    let folder = if arguments.truth { &truth } else { out };
+    std::fs::create_dir_all(folder).map_err(|cause| ProcessError::Write { path: folder.into(), cause })?;
+    Ok(field.flown(threads, arguments.truth.then_some(folder)).map(|(results, times)| {
         let mut code = shown(&(results.to_text() + &words(&times)), 0);
         code = write_result(&out.join("benchmark.json"), json(&results), code);
         code = write_result(&out.join("times.json"), json(&times), code);
@@ -105,116 +122,132 @@ fn measure(arguments: &BenchmarkArguments, out: &Path) -> Result<Result<u8, Benc
     }))
 }
 
-/// The results of a suite, and the times of a step of its laws.
-fn flown(suite: &BenchmarkSuite, threads: usize) -> Result<(BenchmarkResults, Vec<LawTime>), BenchmarkError> {
-    let places = suite.places();
-    let runs = places.len() * suite.laws.len();
-    tell(format_args!(
-        "vservo: {runs} runs, {} starts under {} laws, on {threads} threads",
-        places.len(),
-        suite.laws.len()
-    ));
-    let scenarios = on_threads(threads, &places, |place| scenario(suite, *place));
-    let scenarios: Vec<BenchmarkScenario> = scenarios.into_iter().collect::<Result<_, _>>()?;
-    let laws = suite.laws.len();
-    let jobs: Vec<(usize, usize)> =
-        (0..scenarios.len()).flat_map(|s| (0..laws).map(move |law| (s, law))).collect();
-    let (done, tenth) = (AtomicUsize::new(0), runs.div_ceil(10).max(1));
-    let flown = on_threads(threads, &jobs, |(s, law)| {
-        let mut drives = TimedDrives::default();
-        let scenario = scenarios
-            .get(*s)
-            .ok_or_else(|| BenchmarkError::Suite { suite: suite.name.clone(), cause: "is empty".into() })?;
-        let scores = fly(suite, scenario, *law, &mut drives)?;
-        let count = 1 + done.fetch_add(1, Ordering::Relaxed);
-        if count.is_multiple_of(tenth) {
-            tell(format_args!("vservo: {count} of {runs} runs"));
+/// What is to be flown, and who flies.
+struct StartingField {
+    suite: BenchmarkSuite,
+    scenarios: Vec<BenchmarkScenario>,
+    entrants: Vec<EntrantProgram>,
+}
+
+impl StartingField {
+    fn of(arguments: &BenchmarkArguments, threads: usize) -> Result<Self, BenchmarkError> {
+        let suite = suite(&arguments.suite)?.with_laws(&arguments.laws)?;
+        let scenarios = on_threads(threads, &suite.places(), |place| scenario(&suite, *place));
+        let scenarios: Vec<BenchmarkScenario> = scenarios.into_iter().collect::<Result<_, _>>()?;
+        let entrants = match scenarios.first() {
+            Some(first) => enrolled(&suite, first, &arguments.entrants, arguments.entrant_timeout)?,
+            None => Vec::new(),
+        };
+        Ok(Self { suite, scenarios, entrants })
+    }
+
+    /// How many runs each scenario has.
+    fn participants(&self) -> usize {
+        self.suite.laws.len() + self.entrants.len()
+    }
+
+    /// The results, and the times of a step of laws and entrants. What was true of each run goes to the folder `truth`.
+    fn flown(
+        self,
+        threads: usize,
+        truth: Option<&Path>,
+    ) -> Result<(BenchmarkResults, Vec<LawTime>), BenchmarkError> {
+        let flown = self.all_runs(threads, truth)?;
+        let (participants, laws) = (self.participants(), self.suite.laws.len());
+        let Self { suite, scenarios, entrants } = self;
+        let cards: Vec<EntrantCard> = entrants.into_iter().map(|entrant| entrant.card).collect();
+        let names = suite.laws.iter().map(|law| &law.name).chain(cards.iter().map(|card| &card.name));
+        let time = |(k, name): (usize, &String)| {
+            let mut all: Vec<f64> =
+                flown.iter().skip(k).step_by(participants).filter_map(|(_, ns)| *ns).collect();
+            all.sort_by(f64::total_cmp);
+            let step_us = all.get(all.len() / 2).map(|ns| 1e-3 * ns);
+            LawTime { law: name.clone(), step_us, round_trip: k >= laws }
+        };
+        let times = names.enumerate().map(time).collect();
+        let scores: Vec<RunScores> = flown.into_iter().map(|(scores, _)| scores).collect();
+        let of_scenarios: Vec<Vec<RunScores>> =
+            scores.chunks(participants.max(1)).map(<[_]>::to_vec).collect();
+        Ok((BenchmarkResults::new(&suite, &cards, &scenarios, &of_scenarios), times))
+    }
+
+    /// Every run, of each scenario under each law and each entrant in this order, with the time of a step.
+    fn all_runs(
+        &self,
+        threads: usize,
+        truth: Option<&Path>,
+    ) -> Result<Vec<(RunScores, Option<f64>)>, BenchmarkError> {
+        let jobs: Vec<(&BenchmarkScenario, usize)> = self
+            .scenarios
+            .iter()
+            .flat_map(|scenario| (0..self.participants()).map(move |k| (scenario, k)))
+            .collect();
+        let runs = jobs.len();
+        let others = match self.entrants.len() {
+            0 => String::new(),
+            1 => " and an entrant".into(),
+            n => format!(" and {n} entrants"),
+        };
+        let laws = match self.suite.laws.len() {
+            1 => "one law".into(),
+            n => format!("{n} laws"),
+        };
+        let starts = self.scenarios.len();
+        tell(format_args!("vservo: {runs} runs, {starts} starts under {laws}{others}, on {threads} threads"));
+        let (done, tenth) = (AtomicUsize::new(0), runs.div_ceil(10).max(1));
+        let flown = on_threads(threads, &jobs, |(scenario, k)| {
+            let result = self.one_run(scenario, *k, truth)?;
+            let count = 1 + done.fetch_add(1, Ordering::Relaxed);
+            if count.is_multiple_of(tenth) {
+                tell(format_args!("vservo: {count} of {runs} runs"));
+            }
+            Ok(result)
+        });
+        flown.into_iter().collect()
+    }
+
+    /// The run of the law or entrant number `k`.
+    fn one_run(
+        &self,
+        scenario: &BenchmarkScenario,
+        k: usize,
+        folder: Option<&Path>,
+    ) -> Result<(RunScores, Option<f64>), BenchmarkError> {
+        let suite = &self.suite;
+        let mut truth = folder.map(|_| RunTruth::default());
+        let (mut drives, entrant) = (TimedDrives::default(), k.checked_sub(suite.laws.len()));
+        let (name, flown) = match entrant.and_then(|number| self.entrants.get(number)) {
+            Some(entrant) => {
+                let mut link = entrant.start();
+                let participant = Participant::Entrant(&mut link);
+                let scores = fly(suite, scenario, participant, &mut drives, truth.as_mut())?;
+                (Some(&entrant.card.name), (scores, link.median_ns()))
+            }
+            None => {
+                let scores = fly(suite, scenario, Participant::Law(k), &mut drives, truth.as_mut())?;
+                (suite.laws.get(k).map(|law| &law.name), (scores, drives.median_ns()))
+            }
+        };
+        if let (Some(folder), Some(truth), Some(name)) = (folder, truth, name) {
+            let path = folder.join(suite.truth_file(scenario, name)?);
+            write_file(&path, truth.to_csv()).map_err(|e| BenchmarkError::Suite {
+                suite: path.display().to_string(),
+                cause: format!("cannot be written: {e}"),
+            })?;
         }
-        Ok((scores, drives.median_ns()))
-    });
-    let flown: Vec<(RunScores, Option<f64>)> = flown.into_iter().collect::<Result<_, BenchmarkError>>()?;
-    let time = |(k, law): (usize, &crate::sim::benchmark::BenchmarkLaw)| {
-        let mut all: Vec<f64> = flown.iter().skip(k).step_by(laws).filter_map(|(_, ns)| *ns).collect();
-        all.sort_by(f64::total_cmp);
-        LawTime { law: law.name.clone(), step_us: all.get(all.len() / 2).map(|ns| 1e-3 * ns) }
-    };
-    let times = suite.laws.iter().enumerate().map(time).collect();
-    let scores: Vec<RunScores> = flown.into_iter().map(|(scores, _)| scores).collect();
-    let of_scenarios: Vec<Vec<RunScores>> = scores.chunks(laws.max(1)).map(<[_]>::to_vec).collect();
-    Ok((BenchmarkResults::new(suite, &scenarios, &of_scenarios), times))
+        Ok(flown)
+    }
 }
 
 fn words(times: &[LawTime]) -> String {
-    let told = times.iter().filter_map(|t| Some(format!("{} {:.2}", t.law, t.step_us?)));
-    format!(
-        "\ntime of a control step on this machine, as loaded as it was, us: {}\n",
-        told.collect::<Vec<_>>().join(", ")
-    )
-}
-
-/// The drives of run files, with a clock about the control step.
-#[derive(Default)]
-struct TimedDrives {
-    spans_ns: Arc<Mutex<Vec<i64>>>,
-}
-
-impl TimedDrives {
-    /// From a state of the drive to the command after it, in the middle.
-    fn median_ns(&self) -> Option<f64> {
-        let mut spans = self.spans_ns.lock().ok()?;
-        spans.sort_unstable();
-        spans.get(spans.len() / 2).map(|ns| *ns as f64)
-    }
-}
-
-impl Drives for TimedDrives {
-    fn drive<const N: usize>(&mut self, config: &Config, robot: &Robot<N>) -> Result<AnyDrive<N>, SimError> {
-        let drive = assemble::drive(config, robot)?;
-        Ok(Box::new(TimedDrive { drive, read: None, spans_ns: Arc::clone(&self.spans_ns) }))
-    }
-}
-
-/// A drive that notes how long control takes.
-struct TimedDrive<const N: usize> {
-    drive: AnyDrive<N>,
-    read: Option<MonoNs>,
-    spans_ns: Arc<Mutex<Vec<i64>>>,
-}
-
-impl<const N: usize> Drive<N> for TimedDrive<N> {
-    fn read(&mut self, at: MonoNs) -> DriveState<N> {
-        let state = self.drive.read(at);
-        self.read = Some(now());
-        state
-    }
-
-    fn write(&mut self, command: &DriveCommand<N>) {
-        let span = self.read.take().map(|read| (now() - read).0);
-        if let (Some(span), Ok(mut spans)) = (span, self.spans_ns.lock())
-            && spans.len() < KEPT
-        {
-            spans.push(span);
-        }
-        self.drive.write(command);
-    }
-
-    fn modes(&self) -> &'static [CommandMode] {
-        self.drive.modes()
-    }
-
-    fn health(&self) -> DriveHealth {
-        self.drive.health()
-    }
-
-    fn reset(&mut self) {
-        self.drive.reset();
-    }
-
-    fn clear_robot(&mut self, asked: bool) {
-        self.drive.clear_robot(asked);
-    }
-
-    fn end(&mut self, last: &DriveCommand<N>) {
-        self.drive.end(last);
+    let told = |round_trip: bool| {
+        let of = times.iter().filter(move |time| time.round_trip == round_trip);
+        of.filter_map(|t| Some(format!("{} {:.2}", t.law, t.step_us?))).collect::<Vec<_>>().join(", ")
+    };
+    let steps =
+        format!("\ntime of a control step on this machine, as loaded as it was, us: {}\n", told(false));
+    match told(true) {
+        none if none.is_empty() => steps,
+        trips => format!("{steps}round trip to an entrant and back, us: {trips}\n"),
     }
 }

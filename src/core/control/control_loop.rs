@@ -290,11 +290,17 @@ impl<const N: usize> ControlLoop<N> {
             ControlOrder::Posture(q) => self.controller.go_to(q),
             ControlOrder::Gain(gain_1_s) => self.controller.set_gain(*gain_1_s),
             ControlOrder::Excite(motion) => self.controller.excite(motion),
+            ControlOrder::Command(motion) => self.controller.command(*motion),
             ControlOrder::ReduceGain => {
                 let _ = self.controller.reduce_gain();
             }
             ControlOrder::RestoreGain => self.controller.restore_gain(),
         }
+    }
+
+    /// From now on somebody else commands the arm, by [`ControlOrder::Command`], instead of the law. Returns whether: only servoing is handed over.
+    pub fn hand_over(&mut self) -> bool {
+        self.controller.hand_over()
     }
 
     /// Reports a fault from outside the control core: the arm is brought to rest from the next [`act`](Self::act) on.
@@ -320,6 +326,12 @@ impl<const N: usize> ControlLoop<N> {
     #[must_use]
     pub fn orders(&self) -> u32 {
         self.orders
+    }
+
+    /// Positions (rad or m) and velocities (rad/s or m/s) of the joints as the drive tells them at this tick.
+    #[must_use]
+    pub fn measured_arm(&self) -> (SVector<f64, N>, SVector<f64, N>) {
+        (self.sensed.q, self.sensed.qd)
     }
 
     /// The controller.

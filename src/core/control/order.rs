@@ -1,5 +1,6 @@
 //! Orders of the mission to control. The mission states what is to be reached; control decides how, and control alone brings the arm to rest.
 
+use super::behaviour::CommandedMotion;
 use super::lifecycle::Request;
 use crate::motion::ExcitationMotion;
 use crate::servo::SetPoint;
@@ -21,6 +22,8 @@ pub enum ControlOrder<const N: usize> {
     Gain(f64),
     /// Sets the excitation motion of a calibration.
     Excite(ExcitationMotion<N>),
+    /// Sets the motion that somebody else commands, or that there is none.
+    Command(Option<CommandedMotion<N>>),
     /// Reduces the gain and the estimation rate, for an arm that oscillates about its goal.
     ReduceGain,
     /// Restores the full estimation rate.

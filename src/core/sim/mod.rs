@@ -3,6 +3,7 @@
 
 pub mod benchmark;
 mod closed_loop;
+mod commander;
 pub mod faults;
 mod hand_eye_session;
 mod perfect_camera;
@@ -12,6 +13,9 @@ mod system;
 pub mod tune;
 
 pub use closed_loop::{ClosedLoop, frame_every, run};
+pub use commander::{Commander, CommanderSight, WantedMotion};
 pub use hand_eye_session::look_around;
 pub use perfect_camera::perfect_measurement;
-pub use system::{Drives, Moment, SimError, SystemRun, simulate_system, simulate_system_with};
+pub use system::{
+    Drives, Moment, SimError, SystemRun, simulate_commanded, simulate_system, simulate_system_with,
+};

@@ -6,8 +6,11 @@
 //! ```
 
 use super::closed_loop::{self, ClosedLoop};
+use super::commander::{Commander, CommanderSight, WantedMotion};
 use crate::config::assemble::{self, AnyDrive, AssembleError};
 use crate::config::{Camera, Config};
+use crate::control::behaviour::CommandedMotion;
+use crate::control::order::ControlOrder;
 use crate::control::outcome::{Finish, Outcome};
 use crate::control::trace::Trace;
 use crate::imaging::{ImageSizeError, ImageView};
@@ -19,6 +22,8 @@ use crate::scene::{Exposure, SyntheticCamera};
 use crate::time::MonoNs;
 use crate::time::TICK;
 use crate::vision::{Carrier, Frame, Prior, Side, StereoMeasurement, StereoVision, TargetChoice, TargetSet};
+use nalgebra::SVector;
+use std::collections::VecDeque;
 use std::ops::ControlFlow::{self, Break, Continue};
 use thiserror::Error;
 
@@ -34,6 +39,11 @@ pub enum SimError {
     /// The camera has no pixels.
     #[error(transparent)]
     Image(#[from] ImageSizeError),
+    /// Only what a law would do can be commanded by somebody else.
+    #[error(
+        "nobody else can command this run: it needs an arm that servoes, which `task`, look-and-move and a drive without an arm do not"
+    )]
+    NotServoing,
 }
 
 /// A simulated run that has come to its end.
@@ -94,7 +104,7 @@ impl Drives for ConfiguredDrives {
     }
 }
 
-/// As [`simulate_system`], with a drive of one's own. The camera sees the arm where its [`DriveState::truth`] is, or else where it says
+/// As [`simulate_system`], with a drive of one's own and nobody but the law to command it. The camera sees the arm where its [`DriveState::truth`] is, or else where it says
 /// that it is.
 ///
 /// [`DriveState::truth`]: crate::drive::DriveState::truth
@@ -106,13 +116,39 @@ pub fn simulate_system_with(
     drives: &mut impl Drives,
     watch: &mut dyn FnMut(&Moment<'_>) -> ControlFlow<()>,
 ) -> Result<SystemRun, SimError> {
+    simulated(config, drives, None, watch)
+}
+
+/// As [`simulate_system_with`], with an arm that `commander` commands instead of the law of the run file, whenever a measurement reaches control. Camera, vision, limits,
+/// joint control, gate and supervision are the same.
+///
+/// # Errors
+/// As [`simulate_system_with`], and [`SimError::NotServoing`].
+pub fn simulate_commanded(
+    config: &Config,
+    drives: &mut impl Drives,
+    commander: &mut dyn Commander,
+    watch: &mut dyn FnMut(&Moment<'_>) -> ControlFlow<()>,
+) -> Result<SystemRun, SimError> {
+    simulated(config, drives, Some(commander), watch)
+}
+
+fn simulated<'a>(
+    config: &'a Config,
+    drives: &mut impl Drives,
+    commander: Option<&'a mut dyn Commander>,
+    watch: &'a mut dyn FnMut(&Moment<'_>) -> ControlFlow<()>,
+) -> Result<SystemRun, SimError> {
     let eyes = Eyes::of(config)?;
     let carrier = assemble::carrier(config)?;
     crate::dispatch_robot!(config.robot, |robot| {
         let camera = assemble::synthetic_camera(config)?;
         let right = right_camera(config)?;
         let drive = drives.drive(config, &robot)?;
-        let control = assemble::control_loop_with(config, robot, drive)?;
+        let mut control = assemble::control_loop_with(config, robot, drive)?;
+        if commander.is_some() && !control.control.hand_over() {
+            return Err(SimError::NotServoing);
+        }
         let i = config.camera.model.intrinsics();
         let pixels = vec![0; i.width_px as usize * i.height_px as usize];
         let mut system = System {
@@ -124,6 +160,8 @@ pub fn simulate_system_with(
             camera,
             right,
             pixels,
+            commander,
+            frames: VecDeque::new(),
             statistics: RunStatistics::new(),
             watch,
         };
@@ -203,6 +241,9 @@ struct System<'a, const N: usize> {
     camera: SyntheticCamera<N>,
     right: Option<RightCamera<N>>,
     pixels: Vec<u8>,
+    commander: Option<&'a mut dyn Commander>,
+    /// Frames that are on their way to a commander that looks at them.
+    frames: VecDeque<(u64, Vec<u8>)>,
     statistics: RunStatistics,
     watch: &'a mut dyn FnMut(&Moment<'_>) -> ControlFlow<()>,
 }
@@ -238,6 +279,9 @@ impl<const N: usize> ClosedLoop for System<'_, N> {
         if (self.watch)(&Moment::Frame(frame_id, &frame.image)).is_break() {
             return Break(Ok(WATCHED_ENOUGH));
         }
+        if self.commander.as_ref().is_some_and(|commander| commander.wants_frames()) {
+            self.frames.push_back((frame_id, frame.image.pieces().flatten().copied().collect()));
+        }
         match &mut self.eyes {
             Eyes::One(vision) => {
                 let X_WC = self.carrier.X_WC(exposure.mid.min(frame.header.exposure));
@@ -257,6 +301,11 @@ impl<const N: usize> ClosedLoop for System<'_, N> {
         {
             return Break(Ok(WATCHED_ENOUGH));
         }
+        if let Some(measurement) = &seen
+            && self.ask(time(tick), measurement).is_break()
+        {
+            return Break(Ok(WATCHED_ENOUGH));
+        }
         let trace = self.control.act(time(tick), seen.as_ref());
         self.statistics.note(&trace);
         let watched = (self.watch)(&Moment::Tick(&trace, &self.control.final_errors()));
@@ -264,6 +313,43 @@ impl<const N: usize> ClosedLoop for System<'_, N> {
             Some(finish) => Break(Ok(finish)),
             None => Continue(()),
         }
+    }
+}
+
+impl<const N: usize> System<'_, N> {
+    /// Asks the commander, where there is one; its command counts from this tick on, as the answer of a law does.
+    fn ask(&mut self, now: MonoNs, measurement: &Measurement) -> ControlFlow<()> {
+        let Some(commander) = &mut self.commander else { return Continue(()) };
+        while self.frames.front().is_some_and(|(id, _)| *id < measurement.frame_id) {
+            self.frames.pop_front();
+        }
+        let frame = self.frames.front().filter(|(id, _)| *id == measurement.frame_id);
+        let controller = self.control.controller();
+        let (robot, mount) = (&controller.arm().robot, &controller.servo().settings().mount);
+        let (q, qd) = self.control.control.measured_arm();
+        let (X_WC, J) = mount.camera(robot, &q);
+        // The history ends with the tick before: what is exposed now is seen from where the arm is now.
+        let then = controller.servo().joints_at(measurement.exposure).filter(|_| measurement.exposure < now);
+        let command = commander.command(&CommanderSight {
+            now,
+            measurement,
+            frame: frame.map(|(_, pixels)| pixels.as_slice()),
+            q: q.as_slice(),
+            qd: qd.as_slice(),
+            X_WC,
+            X_WC_exposure: then.map_or(X_WC, |q| mount.X_WC(&robot.forward(&q))),
+            J: &std::array::from_fn::<[f64; 6], N, _>(|joint| J.matrix().column(joint).into_owned().into()),
+        })?;
+        let motion = match command {
+            WantedMotion::None => None,
+            WantedMotion::Twist(V_C) => Some(CommandedMotion::Twist(V_C.into())),
+            WantedMotion::Joints(qd) => {
+                let each = |i: usize, _| qd.get(i).copied().unwrap_or_default();
+                Some(CommandedMotion::Joints(SVector::from_fn(each)))
+            }
+        };
+        self.control.control.obey(&ControlOrder::Command(motion));
+        Continue(())
     }
 }
 

@@ -6,16 +6,19 @@
 //! | [`Servoing::dry`] | the same without an arm, or with images of another arm | none; the output of the law is reported |
 //! | [`Waypoints`] | a list of postures, independent of the view | a motion from posture to posture, with rests |
 //! | [`Excitation`] | measurements that keep arriving, whatever their stamps | the excitation motion of the joints |
+//! | [`Commanded`] | motions that somebody else commands upon measurements | that motion, held until the next |
 //! | [`PostureMotion`] | one posture that a client asked for | a motion there from rest, beside the behaviour of the run |
 //! | standing, braking | none | standstill, where no behaviour moves the arm |
 //!
 //! None of them plans: goals, waypoints and motions come from the mission ([`Order`](super::order::ControlOrder)).
 
+mod commanded;
 mod excitation;
 mod posture_motion;
 mod servoing;
 mod waypoints;
 
+pub use commanded::{Commanded, CommandedMotion};
 pub use excitation::Excitation;
 pub use posture_motion::PostureMotion;
 pub use servoing::Servoing;
@@ -24,7 +27,7 @@ pub use waypoints::Waypoints;
 use crate::drive::DriveState;
 use crate::messages::Measurement;
 use crate::motion::{ExcitationMotion, MotionLimits};
-use crate::robot::Robot;
+use crate::robot::{Mount, Robot};
 use crate::servo::{Convergence, MeasurementVerdict, VisualServo};
 use crate::time::MonoNs;
 use nalgebra::SVector;
@@ -73,6 +76,8 @@ pub enum Behaviour<const N: usize> {
     Waypoints(Waypoints<N>),
     /// The excitation motion of a latency calibration.
     Excitation(Excitation<N>),
+    /// Motions that somebody else commands.
+    Commanded(Commanded<N>),
 }
 
 impl<const N: usize> Behaviour<N> {
@@ -88,6 +93,7 @@ impl<const N: usize> Behaviour<N> {
             Self::Servoing(servoing) => servoing.note(now, m, verdict),
             Self::Waypoints(_) => {}
             Self::Excitation(excitation) => excitation.note(now, m, servo),
+            Self::Commanded(commanded) => commanded.note(m),
         }
     }
 
@@ -103,7 +109,7 @@ impl<const N: usize> Behaviour<N> {
     pub fn sees(&self, now: MonoNs) -> bool {
         match self {
             Self::Servoing(servoing) => servoing.sees(now),
-            Self::Waypoints(_) | Self::Excitation(_) => false,
+            Self::Waypoints(_) | Self::Excitation(_) | Self::Commanded(_) => false,
         }
     }
 
@@ -114,14 +120,15 @@ impl<const N: usize> Behaviour<N> {
             Self::Servoing(servoing) => servoing.confidence(now, servo),
             Self::Waypoints(waypoints) => waypoints.confidence(),
             Self::Excitation(excitation) => excitation.confidence(now),
+            Self::Commanded(commanded) => commanded.confidence(now),
         }
     }
 
-    /// The motion command of this tick. Motions along a path go on at `pace`, 1 where nothing in space holds them.
+    /// The motion command of this tick. Motions along a path go on at `pace`, 1 where nothing in space holds them, and commanded ones at the `confidence` in their input.
     pub fn motion_command(
         &mut self,
         state: &DriveState<N>,
-        pace: f64,
+        (pace, confidence): (f64, f64),
         arm: &ArmModel<N>,
         servo: &mut VisualServo<N>,
     ) -> MotionCommand<N> {
@@ -129,6 +136,7 @@ impl<const N: usize> Behaviour<N> {
             Self::Servoing(servoing) => servoing.motion_command(state, &arm.robot, servo),
             Self::Waypoints(waypoints) => waypoints.motion_command(&state.q, pace, &arm.limits),
             Self::Excitation(excitation) => excitation.motion_command(),
+            Self::Commanded(commanded) => commanded.motion_command(state, confidence, arm),
         }
     }
 
@@ -142,6 +150,25 @@ impl<const N: usize> Behaviour<N> {
     pub fn add_waypoint(&mut self, q: &SVector<f64, N>) {
         if let Self::Waypoints(waypoints) = self {
             waypoints.add(q);
+        }
+    }
+
+    /// From now on somebody else commands the motions of an arm with a camera on `mount`, instead of the law. Returns whether: only servoing is handed over.
+    pub fn hand_over(&mut self, mount: Mount) -> bool {
+        let watch = match self {
+            Self::Servoing(servoing) => servoing.handed_over(),
+            _ => None,
+        };
+        if let Some(watch) = watch {
+            *self = Self::Commanded(Commanded::new(watch, mount));
+        }
+        watch.is_some()
+    }
+
+    /// Sets the motion that is commanded, or that there is none. In another behaviour it changes nothing.
+    pub fn command(&mut self, motion: Option<CommandedMotion<N>>) {
+        if let Self::Commanded(commanded) = self {
+            commanded.set(motion);
         }
     }
 
@@ -163,7 +190,7 @@ impl<const N: usize> Behaviour<N> {
     #[must_use]
     pub fn is_over(&self) -> bool {
         match self {
-            Self::Servoing(_) => false,
+            Self::Servoing(_) | Self::Commanded(_) => false,
             Self::Waypoints(waypoints) => waypoints.is_over(),
             Self::Excitation(excitation) => excitation.is_over(),
         }

@@ -33,6 +33,11 @@ impl Servoing {
         self.dry
     }
 
+    /// The same view of measurements, for whoever commands the arm instead of the law; `None` where the law is only observed.
+    pub(super) fn handed_over(&self) -> Option<MeasurementWatch> {
+        (!self.dry).then_some(self.watch)
+    }
+
     pub(super) fn note(&mut self, now: MonoNs, m: &Measurement, verdict: MeasurementVerdict) {
         self.watch.came(now);
         if verdict.is_used() {

@@ -242,7 +242,7 @@ impl<const N: usize> Controller<N> {
         }
         let motion_command = match (&observed, self.state, way_back) {
             (Some(state), State::Servoing, _) => {
-                let pace = self.pace();
+                let pace = (self.pace(), confidence);
                 self.behaviour.motion_command(state, pace, &self.arm, &mut self.servo)
             }
             (Some(_), State::Returning, Some((qd, convergence))) => {

@@ -1,6 +1,7 @@
 //! Requests of clients and orders of the mission. They take effect from the next step on.
 
 use super::Controller;
+use crate::control::behaviour::CommandedMotion;
 use crate::control::lifecycle::{Cue, Refusal, Request, State, Step};
 use crate::control::safety::Fault;
 use crate::control::trace::Event;
@@ -110,6 +111,16 @@ impl<const N: usize> Controller<N> {
     /// Sets the excitation motion for a calibration.
     pub fn excite(&mut self, motion: &ExcitationMotion<N>) {
         self.behaviour.excite(motion);
+    }
+
+    /// From now on somebody else commands the arm, by [`Self::command`], instead of the law. Returns whether: only servoing is handed over.
+    pub fn hand_over(&mut self) -> bool {
+        self.behaviour.hand_over(self.servo.settings().mount)
+    }
+
+    /// Sets the motion that somebody else commands, or that there is none.
+    pub fn command(&mut self, motion: Option<CommandedMotion<N>>) {
+        self.behaviour.command(motion);
     }
 
     /// Reduces the gain of the law and the estimation rate, for an arm that oscillates about its goal. Returns whether they were reduced,

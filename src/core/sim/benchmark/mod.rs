@@ -1,27 +1,31 @@
-//! A public measure of visual servoing: suites of tasks with their starts, seeds and truth as data, and what each law makes of them
-//! (`vservo benchmark`).
+//! A public measure of visual servoing: suites of tasks with their starts, seeds and truth as data, and what each law, and each other program that takes part
+//! ([`EntrantLink`]), makes of them (`vservo benchmark`).
 //!
 //! ```text
 //! suite (TOML) ─► BenchmarkTask x case x count ─► scenario: what is true, what is believed, a start in view and within reach, its least time
-//!                                                      └─► x law ─► simulated run ─► RunScores ─► BenchmarkResults
+//!                                                      └─► x law or entrant ─► simulated run ─► RunScores ─► BenchmarkResults
 //! ```
-//! Every score is computed from the truth of the simulation, by the same equations for all laws; nothing here knows which law runs.
+//! Every score is computed from the truth of the simulation, by the same equations for all; nothing here knows which law runs, or who.
 
 mod draw;
+mod entrant;
 mod least_time;
 mod page;
 mod results;
 mod score;
 mod suite;
+mod truth;
 
 pub use draw::{BenchmarkScenario, scenario};
+pub use entrant::{ENTRANT_PROTOCOL, EntrantCard, EntrantLink, begin_message};
 pub use page::{LawTime, benchmark_page};
 pub use results::{BenchmarkResults, LawResult, LawSummary, TaskResult};
-pub use score::{RunScores, fly};
+pub use score::{Participant, RunScores, fly};
 pub use suite::{
     BenchmarkLaw, BenchmarkPlace, BenchmarkScore, BenchmarkSuite, BenchmarkTask, BenchmarkValue,
-    BenchmarkValues, SHIPPED_SUITES,
+    BenchmarkValues, SHIPPED_SUITES, checked_names,
 };
+pub use truth::RunTruth;
 
 use crate::sim::SimError;
 use thiserror::Error;
@@ -35,6 +39,12 @@ pub enum BenchmarkError {
         /// Its name or file.
         suite: String,
         /// What is wrong, and how to mend it.
+        cause: String,
+    },
+    /// An entrant cannot take part.
+    #[error("entrant {cause}")]
+    Entrant {
+        /// Which and why, and how to mend it.
         cause: String,
     },
     /// A run of a task cannot be set up.

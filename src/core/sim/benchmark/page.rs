@@ -10,25 +10,28 @@ use serde::Serialize;
 use std::fmt::Write;
 
 const STYLE: &str = ".best{font-weight:600}.lost{color:var(--red)}th{font-weight:500;color:var(--soft)}th.n{text-align:right}\
-table.scores{margin:.4rem 0 1rem}.wide-table{overflow-x:auto}";
-/// Runs at the same place of an axis stand beside each other, this share of the axis's step apart, so that all laws are seen.
-const APART: f64 = 0.09;
+table.scores{margin:.4rem 0 1rem}.wide-table{overflow-x:auto}table.scores td:first-child,td.whole{white-space:nowrap}";
+/// Runs at the same place of an axis stand beside each other, this share of the axis's step apart, so that all laws are seen; less where there are so many that they would take
+/// more than this share in all.
+const APART: (f64, f64) = (0.09, 0.8);
 
 /// How long a control step takes under a law, on the machine that ran the benchmark.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct LawTime {
     /// The law.
     pub law: String,
-    /// From the state of the drive to its command, median, us.
+    /// From the state of the drive to its command, median, us; of an entrant from what it is sent to its answer.
     pub step_us: Option<f64>,
+    /// Whether it is an entrant's, a round trip to another process.
+    pub round_trip: bool,
 }
 
 /// The page.
 #[must_use]
 pub fn benchmark_page(results: &BenchmarkResults, times: &[LawTime]) -> String {
-    let mut sections = vec![verdict(results), totals(results, times), losses(results)];
+    let mut sections = vec![verdict(results), totals(results, times), entrants(results), losses(results)];
     for task in &results.tasks {
-        sections.push(section(task));
+        sections.push(section(task, results.laws.len() - results.entrants.len()));
     }
     document(&format!("vservo benchmark: {}", results.suite), STYLE, &sections)
 }
@@ -39,8 +42,13 @@ fn verdict(results: &BenchmarkResults) -> String {
     let first: Vec<&str> =
         totals.iter().filter(|(_, sums)| sums[0] == most).map(|(law, _)| law.as_str()).collect();
     let starts = totals.first().map_or(0, |(_, sums)| sums[1]);
-    let who = if first.len() == 1 { "brings" } else { "bring" };
-    let home = format!("{} {who} most starts home, {most} of {starts}", first.join(" and "));
+    let home = match first.as_slice() {
+        [one] => format!("{one} brings most starts home, {most} of {starts}"),
+        [others @ .., last] => {
+            format!("{} and {last} bring most starts home, {most} of {starts}", others.join(", "))
+        }
+        [] => String::new(),
+    };
     format!(
         "<p class=\"verdict\">{}: {} runs of {}. {}; {} task and law pairs lose starts.</p>\n<p class=\"note\">Seed {}. Scores are computed from the truth of the \
          simulation, by the same equations for all laws; truth, belief and starts are in benchmark.json.</p>\n",
@@ -56,17 +64,44 @@ fn verdict(results: &BenchmarkResults) -> String {
 fn totals(results: &BenchmarkResults, times: &[LawTime]) -> String {
     let mut html = heading("All tasks", "How each law fares over the whole suite.");
     html += "<div class=\"wide-table\"><table class=\"scores\"><tr><th>law</th><th>what it is</th><th class=\"n\">starts home</th><th class=\"n\">all home in</th>\
-             <th class=\"n\">best in</th><th class=\"n\">control step, us</th></tr>";
+             <th class=\"n\">best in</th><th class=\"n\">control step, us</th><th class=\"n\">round trip, us</th></tr>";
     for ((law, [home, starts, whole, best]), (_, about)) in results.totals().iter().zip(&results.laws) {
-        let step = times.iter().find(|time| time.law == *law).and_then(|time| time.step_us);
-        let step = step.map_or("-".into(), |us| significant(us, 3));
+        let time = times.iter().find(|time| time.law == *law);
+        let step = |round_trip: bool| {
+            let us = time.filter(|time| time.round_trip == round_trip).and_then(|time| time.step_us);
+            us.map_or("-".into(), |us| significant(us, 3))
+        };
+        let (step, round_trip) = (step(false), step(true));
         // a String takes everything
         let _ = write!(
             html,
-            "<tr><td>{}</td><td>{}</td><td class=\"n\">{home} of {starts}</td><td class=\"n\">{whole} of {}</td><td class=\"n\">{best}</td><td class=\"n\">{step}</td></tr>",
+            "<tr><td>{}</td><td>{}</td><td class=\"n\">{home} of {starts}</td><td class=\"n\">{whole} of {}</td><td class=\"n\">{best}</td><td class=\"n\">{step}</td><td class=\"n\">{round_trip}</td></tr>",
             escaped(law),
             escaped(about),
             results.tasks.len()
+        );
+    }
+    html + "</table></div>\n"
+}
+
+/// The programs of others, with all that they say of themselves; nothing where none takes part.
+fn entrants(results: &BenchmarkResults) -> String {
+    if results.entrants.is_empty() {
+        return String::new();
+    }
+    let says = "Programs of others, on the same cell: its camera, its vision, its arm with its limits, its latencies. A round trip is from a question to its answer, \
+                in another process; simulated time stands still meanwhile.";
+    let mut html = heading("Entrants", says);
+    html += "<div class=\"wide-table\"><table class=\"scores\"><tr><th>entrant</th><th>what it is</th><th>settings</th><th>command</th><th>sees</th></tr>";
+    for entrant in &results.entrants {
+        let sees = if entrant.frames { "features and frames" } else { "features" };
+        let _ = write!(
+            html,
+            "<tr><td>{}</td><td>{}</td><td>{}</td><td><code>{}</code></td><td class=\"whole\">{sees}</td></tr>",
+            escaped(&entrant.name),
+            escaped(&entrant.about),
+            escaped(&entrant.settings_in_words()),
+            escaped(&entrant.command)
         );
     }
     html + "</table></div>\n"
@@ -81,7 +116,7 @@ fn losses(results: &BenchmarkResults) -> String {
     heading("Where starts are lost", &says) + &format!("<pre>{}</pre>\n", lines.join("\n"))
 }
 
-fn section(task: &TaskResult) -> String {
+fn section(task: &TaskResult, laws: usize) -> String {
     let whole = task.laws.iter().filter(|law| law.summary.converged == law.summary.starts).count();
     let best = match task.best.as_slice() {
         [] => "No law brings any start home.".to_owned(),
@@ -95,7 +130,7 @@ fn section(task: &TaskResult) -> String {
         significant(task.tolerance_px, 3),
         task.laws.len()
     );
-    let panels = panels(task);
+    let panels = panels(task, laws);
     let html = if panels.is_empty() {
         heading(&task.name, &says)
     } else {
@@ -140,8 +175,8 @@ fn place_of(scenario: &BenchmarkScenario, number: usize) -> (String, f64) {
 /// What a panel draws: its title, its unit, and the score of a run.
 type DrawnScore = (&'static str, &'static str, fn(&RunScores) -> Option<f64>);
 
-/// Settling and paths over what the task varies, a symbol a run.
-fn panels(task: &TaskResult) -> Vec<Panel> {
+/// Settling and paths over what the task varies, a symbol a run; the first `laws` are laws, the others entrants.
+fn panels(task: &TaskResult, laws: usize) -> Vec<Panel> {
     let places: Vec<(String, f64)> = task.scenarios.iter().enumerate().map(|(k, s)| place_of(s, k)).collect();
     let Some((label, _)) = places.first() else { return Vec::new() };
     let mut steps: Vec<f64> = places.iter().map(|(_, x)| *x).collect();
@@ -159,10 +194,13 @@ fn panels(task: &TaskResult) -> Vec<Panel> {
     ];
     let panel = |(title, unit, of): DrawnScore| {
         let series = |(k, law): (usize, &LawResult)| {
-            let beside = APART * step * (k as f64 - 0.5 * (task.laws.len() as f64 - 1.0));
+            let count = task.laws.len() as f64;
+            let beside = APART.0.min(APART.1 / count) * step * (k as f64 - 0.5 * (count - 1.0));
             let points =
                 law.runs.iter().zip(&places).filter_map(|(run, (_, x))| Some((x + beside, of(run)?)));
-            Series::new(Symbol::Circle, k, points.collect::<Vec<_>>()).label(law.law.clone())
+            // entrants have the colours of the laws once more, with another symbol
+            let (symbol, colour) = k.checked_sub(laws).map_or((Symbol::Circle, k), |k| (Symbol::Cross, k));
+            Series::new(symbol, colour, points.collect::<Vec<_>>()).label(law.law.clone())
         };
         let panel = Panel::new(title, label.clone(), format!("{title} [{unit}]"));
         task.laws.iter().enumerate().map(series).fold(panel, Panel::with)

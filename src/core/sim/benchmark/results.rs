@@ -1,6 +1,6 @@
 //! What a suite gives: every run, each law's summary of each task, who did best, and where each law loses.
 
-use super::{BenchmarkScenario, BenchmarkScore, BenchmarkSuite, BenchmarkTask, RunScores};
+use super::{BenchmarkScenario, BenchmarkScore, BenchmarkSuite, BenchmarkTask, EntrantCard, RunScores};
 use crate::report::numbers::significant;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -20,8 +20,10 @@ pub struct BenchmarkResults {
     pub about: String,
     /// Its seed.
     pub seed: u64,
-    /// The laws: name and what they are.
+    /// The laws, and then the entrants: name and what they are.
     pub laws: Vec<(String, String)>,
+    /// Which of them are programs of others, with their settings.
+    pub entrants: Vec<EntrantCard>,
     /// The tasks.
     pub tasks: Vec<TaskResult>,
     /// Where starts were not brought home, in sentences.
@@ -151,20 +153,29 @@ fn loss(task: &BenchmarkTask, law: &LawResult) -> Option<String> {
 }
 
 impl BenchmarkResults {
-    /// The results of `suite`: its scenarios in the order of their places, and for each of them the runs of all laws.
+    /// The results of `suite`: its scenarios in the order of their places, and for each of them the runs of all laws and of `entrants`.
     #[must_use]
-    pub fn new(suite: &BenchmarkSuite, scenarios: &[BenchmarkScenario], runs: &[Vec<RunScores>]) -> Self {
+    pub fn new(
+        suite: &BenchmarkSuite,
+        entrants: &[EntrantCard],
+        scenarios: &[BenchmarkScenario],
+        runs: &[Vec<RunScores>],
+    ) -> Self {
+        let laws = suite.laws.iter().map(|law| (law.name.clone(), law.about.clone()));
+        let names: Vec<(String, String)> = laws
+            .chain(entrants.iter().map(|entrant| (entrant.name.clone(), entrant.about.clone())))
+            .collect();
         let mut losses = Vec::new();
         let of_task = |(number, task): (usize, &BenchmarkTask)| {
             let own =
                 || scenarios.iter().zip(runs).filter(move |(scenario, _)| scenario.place.task == number);
-            let of_law = |(k, name): (usize, &super::BenchmarkLaw)| {
+            let of_law = |(k, (name, _)): (usize, &(String, String))| {
                 let runs: Vec<RunScores> = own().filter_map(|(_, runs)| runs.get(k).cloned()).collect();
-                let law = LawResult { law: name.name.clone(), summary: LawSummary::of(&runs), runs };
+                let law = LawResult { law: name.clone(), summary: LawSummary::of(&runs), runs };
                 losses.extend(loss(task, &law));
                 law
             };
-            let laws: Vec<LawResult> = suite.laws.iter().enumerate().map(of_law).collect();
+            let laws: Vec<LawResult> = names.iter().enumerate().map(of_law).collect();
             TaskResult {
                 name: task.name.clone(),
                 about: task.about.clone(),
@@ -182,7 +193,8 @@ impl BenchmarkResults {
             suite: Path::new(&suite.name).file_stem().unwrap_or_default().to_string_lossy().into_owned(),
             about: suite.about.clone(),
             seed: suite.seed,
-            laws: suite.laws.iter().map(|law| (law.name.clone(), law.about.clone())).collect(),
+            laws: names,
+            entrants: entrants.to_vec(),
             tasks,
             losses,
         }
@@ -272,6 +284,18 @@ impl BenchmarkResults {
                 }
                 text += "\n";
             }
+        }
+        if !self.entrants.is_empty() {
+            text += "\nentrants: what they are, their settings, and how they were started\n";
+        }
+        for entrant in &self.entrants {
+            text += &format!(
+                "  {}: {}; {}; `{}`\n",
+                entrant.name,
+                entrant.about,
+                entrant.settings_in_words(),
+                entrant.command
+            );
         }
         text += "\nall tasks: starts brought home, tasks of which all are, tasks in which it is best\n";
         for (law, [home, starts, whole, best]) in self.totals() {

@@ -1,4 +1,4 @@
-//! One run of one law, and what it is worth, by the truth of the simulation.
+//! One run of one law or entrant, and what it is worth, by the truth of the simulation.
 //!
 //! With the true pixels u_i(t) of the n points of the target and u_i* those at the true goal, e(t) = sqrt(sum |u_i - u_i*|^2 / n), s(t) the arc of a curve:
 //!
@@ -11,15 +11,16 @@
 //! | final error | root mean square of e, and of the camera's pose, over the last 0.2 s |
 //! | energy | integral of sum_j abs(tau_j qd_j) dt over the run, J |
 
+use super::entrant::EntrantPilot;
 use super::suite::settings;
-use super::{BenchmarkError, BenchmarkScenario, BenchmarkSuite, BenchmarkTask};
+use super::{BenchmarkError, BenchmarkScenario, BenchmarkSuite, BenchmarkTask, EntrantLink, RunTruth};
 use crate::config::{Config, ConfigError, Scene};
 use crate::control::outcome::Outcome;
 use crate::control::trace::Trace;
 use crate::geometry::{Pose, rotation_angle};
 use crate::mission::truth::Truth;
 use crate::robot::Robot;
-use crate::sim::{Drives, Moment, SimError, SystemRun, simulate_system_with};
+use crate::sim::{Drives, Moment, SimError, SystemRun, simulate_commanded, simulate_system_with};
 use crate::time::{MonoNs, TICK};
 use nalgebra::{Point3, SVector, Vector2, Vector3};
 use serde::Serialize;
@@ -59,34 +60,66 @@ pub struct RunScores {
     pub target_lost: u64,
     /// How long it was simulated, s.
     pub duration_s: f64,
-    /// How it ended, in words.
+    /// How it ended, in words; of an entrant that failed, how.
     pub end: String,
     /// Over every joint state, hexadecimal.
     pub state_hash: String,
 }
 
-/// The run of the law number `law` in a scenario, with `drives`.
+/// Who takes part in a run.
+pub enum Participant<'a> {
+    /// The law of the suite with this number.
+    Law(usize),
+    /// A program that is not vservo's.
+    Entrant(&'a mut dyn EntrantLink),
+}
+
+/// The run of `participant` in a scenario, with `drives`; `truth` gets what was true of it, where it is wanted. An entrant that fails ends its run, which is scored like any
+/// other, with the reason.
 ///
 /// # Errors
 /// [`BenchmarkError`] where the run file does not take the law, or cannot be simulated.
 pub fn fly(
     suite: &BenchmarkSuite,
     scenario: &BenchmarkScenario,
-    law: usize,
+    participant: Participant<'_>,
     drives: &mut impl Drives,
+    mut truth: Option<&mut RunTruth>,
 ) -> Result<RunScores, BenchmarkError> {
+    let law = match &participant {
+        Participant::Law(law) => Some(*law),
+        Participant::Entrant(_) => None,
+    };
     let config = suite.run_file(scenario, law)?;
     let task = suite.task_of(scenario)?;
     let Some(scene) = &config.scene else {
         return Err(BenchmarkError::task(task, "needs a simulated scene"));
     };
+    let mut pilot = match participant {
+        Participant::Law(_) => None,
+        Participant::Entrant(link) => {
+            Some(EntrantPilot::new(link, &config, task).map_err(|e| BenchmarkError::task(task, e))?)
+        }
+    };
     let run = crate::dispatch_robot!(scene.arm, |robot| {
+        if let Some(truth) = &mut truth {
+            truth.begin(task, scene, &scenario.X_DO, robot.limits().len());
+        }
         let mut judge = Judgement::new(task, scene, robot, scenario.X_DO);
-        simulate_system_with(&config, drives, &mut |moment| judge.watch(moment))
-            .map(|run| judge.scores(&run, scenario.least_time_s))
+        judge.table = truth;
+        let watch = &mut |moment: &Moment<'_>| judge.watch(moment);
+        let run = match &mut pilot {
+            None => simulate_system_with(&config, drives, watch),
+            Some(pilot) => simulate_commanded(&config, drives, pilot, watch),
+        };
+        run.map(|run| judge.scores(&run, scenario.least_time_s))
     });
     let failed = |cause: SimError| BenchmarkError::Run { task: task.name.clone(), cause: cause.into() };
-    run.map_err(|e| failed(e.into()))?.map_err(failed)
+    let mut scores = run.map_err(|e| failed(e.into()))?.map_err(failed)?;
+    if let Some(why) = pilot.and_then(EntrantPilot::end) {
+        scores.end = format!("the entrant {why}");
+    }
+    Ok(scores)
 }
 
 /// A point of the paths.
@@ -110,6 +143,8 @@ struct Judgement<'a, const N: usize> {
     energy_j: f64,
     /// Ticks in a row within the tolerance.
     within: u64,
+    /// What was true of each tick, where that is wanted.
+    table: Option<&'a mut RunTruth>,
 }
 
 impl<'a, const N: usize> Judgement<'a, N> {
@@ -135,6 +170,7 @@ impl<'a, const N: usize> Judgement<'a, N> {
             margin_px: f64::INFINITY,
             energy_j: 0.0,
             within: 0,
+            table: None,
         }
     }
 
@@ -172,6 +208,10 @@ impl<'a, const N: usize> Judgement<'a, N> {
             let room = px.map_or(f64::NEG_INFINITY, |u| (u.x + 0.5).min(u.y + 0.5).min(w - u.x).min(h - u.y));
             // far outside is as bad as behind the camera
             self.margin_px = self.margin_px.min(room.max(-w));
+        }
+        if let Some(table) = &mut self.table {
+            let [qd, tau] = [&js.qd_true, &trace.command.tau].map(|all| all.get(..N).unwrap_or_default());
+            table.note((trace.time - MonoNs::ZERO).as_s(), &X_CO, qd, tau);
         }
         let power = trace.command.tau.iter().zip(&js.qd_true).take(N).map(|(tau, qd)| (tau * qd).abs());
         self.energy_j += power.sum::<f64>() * TICK.as_s();
@@ -246,7 +286,10 @@ fn space_excess_m(path: &[PathPoint]) -> Option<f64> {
 
 impl BenchmarkSuite {
     /// The task of a scenario.
-    fn task_of(&self, scenario: &BenchmarkScenario) -> Result<&BenchmarkTask, BenchmarkError> {
+    ///
+    /// # Errors
+    /// [`BenchmarkError::Suite`] where it is of another suite.
+    pub fn task_of(&self, scenario: &BenchmarkScenario) -> Result<&BenchmarkTask, BenchmarkError> {
         self.tasks.get(scenario.place.task).ok_or_else(|| self.has_no(&format!("{:?}", scenario.place)))
     }
 
@@ -254,12 +297,19 @@ impl BenchmarkSuite {
         BenchmarkError::Suite { suite: self.name.clone(), cause: format!("has no {what}") }
     }
 
-    /// The run file of the law number `law` in a scenario, as it is simulated.
+    /// The run file of the law number `law` in a scenario, as it is simulated; `None`: of who goes by none of its laws.
     ///
     /// # Errors
     /// [`BenchmarkError::Task`] where the run file does not take it.
-    pub fn run_file(&self, scenario: &BenchmarkScenario, law: usize) -> Result<Config, BenchmarkError> {
+    pub fn run_file(
+        &self,
+        scenario: &BenchmarkScenario,
+        law: Option<usize>,
+    ) -> Result<Config, BenchmarkError> {
         let task = self.task_of(scenario)?;
+        let Some(law) = law else {
+            return self.config(task, &scenario.set, true).map_err(|e| BenchmarkError::task(task, e));
+        };
         let law = self.laws.get(law).ok_or_else(|| self.has_no(&format!("law {law}")))?;
         let set: Vec<String> = scenario.set.iter().cloned().chain(settings(&law.set)).collect();
         let of_law = |e: ConfigError| BenchmarkError::task(task, format!("law `{}`: {e}", law.name));

@@ -411,6 +411,14 @@ impl BenchmarkSuite {
     }
 }
 
+/// Whether the names of laws and entrants can stand beside each other.
+///
+/// # Errors
+/// Which cannot, and why.
+pub fn checked_names<'a>(all: impl Iterator<Item = &'a String>) -> Result<(), String> {
+    names("law or entrant", all)
+}
+
 /// Names stand in tables and in answers to `--law`: of each kind once, and short words.
 fn names<'a>(what: &str, all: impl Iterator<Item = &'a String>) -> Result<(), String> {
     let mut seen = BTreeSet::new();

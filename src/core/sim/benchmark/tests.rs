@@ -24,10 +24,12 @@ const ROLLS: &str = "file = \"ur5\"\ncount = 2\nstart = { roll_deg = { each = [3
 fn flown(suite: &BenchmarkSuite) -> BenchmarkResults {
     let scenarios: Vec<_> = suite.places().into_iter().map(|place| scenario(suite, place).unwrap()).collect();
     let of = |s: &BenchmarkScenario| -> Vec<RunScores> {
-        (0..suite.laws.len()).map(|law| fly(suite, s, law, &mut ConfiguredDrives).unwrap()).collect()
+        (0..suite.laws.len())
+            .map(|law| fly(suite, s, Participant::Law(law), &mut ConfiguredDrives, None).unwrap())
+            .collect()
     };
     let runs: Vec<_> = scenarios.iter().map(of).collect();
-    BenchmarkResults::new(suite, &scenarios, &runs)
+    BenchmarkResults::new(suite, &[], &scenarios, &runs)
 }
 
 /// The camera sees the target in every scenario of the shipped suites, and every law of them takes every task: as many starts as a test has time for.
@@ -43,7 +45,7 @@ fn every_task_of_the_shipped_suites_can_be_flown() {
         for place in places {
             let scenario = scenario(&suite, place).unwrap_or_else(|e| panic!("{name} {place:?}: {e}"));
             for law in 0..suite.laws.len() {
-                suite.run_file(&scenario, law).unwrap_or_else(|e| panic!("{name} {place:?}: {e}"));
+                suite.run_file(&scenario, Some(law)).unwrap_or_else(|e| panic!("{name} {place:?}: {e}"));
             }
         }
     }
@@ -61,7 +63,7 @@ fn starts_are_turned_and_shifted_as_the_task_says() {
     let suite = suite("file = \"ur5\"\ncount = 3\nstart = { roll_deg = 70, ahead_m = 0.1 }").unwrap();
     for place in suite.places() {
         let s = scenario(&suite, place).unwrap();
-        let config = suite.run_file(&s, 1).unwrap();
+        let config = suite.run_file(&s, Some(1)).unwrap();
         let view = crate::sim::preflight::Preflight::of(&config).unwrap().start.unwrap();
         let goal = config.set_point.X_DO().unwrap();
         let turn = (view.X_CO * goal.inverse()).rotation.scaled_axis();
@@ -77,8 +79,8 @@ fn scores_are_those_of_the_trace() {
     let suite = suite(ROLLS).unwrap();
     for (place, law) in suite.places().into_iter().zip([0, 1, 1, 0]) {
         let s = scenario(&suite, place).unwrap();
-        let scores = fly(&suite, &s, law, &mut ConfiguredDrives).unwrap();
-        let config = suite.run_file(&s, law).unwrap();
+        let scores = fly(&suite, &s, Participant::Law(law), &mut ConfiguredDrives, None).unwrap();
+        let config = suite.run_file(&s, Some(law)).unwrap();
         let robot = config.robot.build::<6>().unwrap();
         let goal = *config.set_point.X_DO().unwrap();
         let seen = |X: &Pose| -> Vec<Vector2<f64>> {
@@ -172,7 +174,7 @@ fn wrong_beliefs_leave_truth_and_goal_as_they_are() {
     let (right, wrong) = (with(""), with(believed));
     let [a, b] = [&right, &wrong].map(|suite| {
         let s = scenario(suite, suite.places()[0]).unwrap();
-        suite.run_file(&s, 1).unwrap()
+        suite.run_file(&s, Some(1)).unwrap()
     });
     let (x, y) = (a.scene.as_ref().unwrap(), b.scene.as_ref().unwrap());
     assert_eq!((x.camera, x.X_WO), (y.camera, y.X_WO));
@@ -195,7 +197,7 @@ fn wrong_beliefs_leave_truth_and_goal_as_they_are() {
 fn absurd_suites_are_refused_in_words() {
     let told = |task: &str| {
         let outcome = suite(task).and_then(|suite| {
-            scenario(&suite, suite.places()[0]).and_then(|s| suite.run_file(&s, 0).map(drop))
+            scenario(&suite, suite.places()[0]).and_then(|s| suite.run_file(&s, Some(0)).map(drop))
         });
         outcome.map_or_else(|e| e.to_string(), |()| "accepted".into())
     };
@@ -254,7 +256,8 @@ fn who_brings_more_starts_home_is_better() {
         !task.best.is_empty() && results.losses.is_empty() && text.contains("B: 2 of 2, 1 of 1"),
         "{text}"
     );
-    let page = benchmark_page(&results, &[LawTime { law: "B".into(), step_us: Some(2.5) }]);
+    let page =
+        benchmark_page(&results, &[LawTime { law: "B".into(), step_us: Some(2.5), round_trip: false }]);
     for part in ["class=\"verdict\"", "2.50", "start.roll_deg", "Nowhere: every law"] {
         assert!(page.contains(part), "{part}");
     }
