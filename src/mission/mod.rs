@@ -363,7 +363,10 @@ impl<const N: usize> Mission<N> {
         let has_goal = self.plan.closed_loop && matches!(self.task, RunTask::Servo | RunTask::LookAndMove(_));
         let held = self.goal_watch.held(now, self.goal.hold).filter(|_| servoing && has_goal);
         if self.plan.service == Service::Served {
-            self.goal_watch.change(servoing, held.is_some()).into_iter().for_each(|event| trace.events.push(event));
+            self.goal_watch
+                .change(servoing, held.is_some())
+                .into_iter()
+                .for_each(|event| trace.events.push(event));
             return None;
         }
         if let Some(finish) = self.task.refused() {

@@ -13,6 +13,7 @@ mod dot_grid;
 mod dot_grid_truth;
 mod dots_truth;
 mod edges_real;
+mod following;
 mod friction;
 mod goal_noise;
 mod goal_path;
