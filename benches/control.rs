@@ -118,6 +118,7 @@ impl<const N: usize> Running<N> {
             disturbance_rad_s: 10.0,
             velocity_rad_s: 150.0,
             encoder_step: SVector::repeat(1e-5),
+            encoder_noise: SVector::zeros(),
             max_acceleration: ObserverSettings::bound(&robot, &q),
             inertia: ObserverSettings::free_inertia(&robot, &q),
         };

@@ -13,7 +13,9 @@ mod dot_grid;
 mod dot_grid_truth;
 mod dots_truth;
 mod edges_real;
+mod following;
 mod friction;
+mod goal_noise;
 mod goal_path;
 mod goals_at_random;
 mod hostile;
@@ -45,6 +47,7 @@ mod robot_errors;
 mod robot_fixtures;
 mod robot_states;
 mod run_refinement;
+mod settling;
 mod shapes;
 #[path = "../supersampled/mod.rs"]
 mod supersampled;

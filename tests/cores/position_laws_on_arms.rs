@@ -14,8 +14,10 @@ fn run(file: &str, set: &[&str]) -> SystemRun {
 /// Four joints and a pose in six numbers: with and without friction alike, what is wrong with the tilt of the pose stays as a displacement.
 #[test]
 fn an_arm_that_cannot_tilt_its_camera_is_told_so() {
-    for (file, points) in [("scara-a.toml", "servo.points=[]"), ("scara-b.toml", "servo.points=[]")] {
-        let six = ["servo.dimension=6", points];
+    // Under A with the text's gains: with stiffer ones noise of the tilt lets the arm tremble.
+    for (file, points) in [("textbook/scara-a.toml", "servo.points=[]"), ("scara-b.toml", "servo.points=[]")]
+    {
+        let six = ["servo.dimension=6", points, "servo.update=predict"];
         let warnings = config(file, &six).warnings;
         assert!(warnings.iter().any(|warning| warning.to_string().contains("servo.dimension: is 6")));
         for friction in ["drive.simulated.friction=true", "drive.simulated.friction=false"] {
@@ -30,7 +32,8 @@ fn an_arm_that_cannot_tilt_its_camera_is_told_so() {
             assert!(stands.errors.orientation_error_rad.unwrap() < 0.1 * tilt, "{file} {stands:?}");
             assert!((0.5..1.2).contains(&(off_m / (0.6 * tilt))), "{file} {stands:?}");
         }
-        assert_eq!(run(file, &["servo.dimension=4", points]).finish.outcome, Outcome::Converged, "{file}");
+        let four = ["servo.dimension=4", points, "servo.update=predict"];
+        assert_eq!(run(file, &four).finish.outcome, Outcome::Converged, "{file}");
     }
 }
 

@@ -417,6 +417,7 @@ fn joint_controller<const N: usize>(
         disturbance_rad_s: if obeys_torque { motion.disturbance_rad_s } else { 0.0 },
         velocity_rad_s: if obeys_torque { motion.velocity_observer_rad_s } else { 0.0 },
         encoder_step: joint_vector("motion.encoder_step_rad_or_m", &motion.encoder_step)?,
+        encoder_noise: joint_vector("drive.simulated.encoder_noise_sd_rad_or_m", &motion.encoder_noise)?,
         max_acceleration: ObserverSettings::bound(robot, q_start),
         inertia: ObserverSettings::free_inertia(robot, q_start),
     };

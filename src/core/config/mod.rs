@@ -179,8 +179,10 @@ pub struct Motion {
     pub disturbance_rad_s: f64,
     /// Bandwidth of the velocity observer, rad/s; 0: the velocities that the drive reports are used.
     pub velocity_observer_rad_s: f64,
-    /// Step of each encoder, rad or m.
+    /// Step of each encoder and twice its noise, rad or m.
     pub encoder_step: Vec<f64>,
+    /// The part of that which is known to be noise.
+    pub encoder_noise: Vec<f64>,
 }
 
 /// The drive.

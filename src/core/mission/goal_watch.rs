@@ -1,27 +1,78 @@
 //! Whether the goal is met: since when, and whether it was reported as reached or left.
+//!
+//! It is met by every measurement for a time, or, where measurements scatter beyond it, in the [mean](super::goal_mean).
 
+use super::goal_mean::{GoalMean, MetInMean};
+use super::{Goal, Mission};
+use crate::control::outcome::{Finish, Outcome};
 use crate::control::trace::Event;
+use crate::messages::Measurement;
+use crate::servo::View;
 use crate::time::{MonoNs, SpanNs};
+
+/// The ends of a run that has met its goal.
+const CONVERGED: Finish = Finish { outcome: Outcome::Converged, reason: "the goal was reached and held" };
+const CONVERGED_IN_MEAN: Finish = Finish {
+    outcome: Outcome::Converged,
+    reason: "the goal was reached and held in the mean: single measurements scatter beyond goal.feature_error_px, their mean is within it with 99 % \
+             confidence",
+};
 
 /// A goal that was reached counts as left when the error exceeds its tolerance so many times. Chosen by hand: with 1, an error that noise keeps about
 /// the tolerance would be reported at every measurement; with more, an arm that was pushed away would be reported late.
-const LEFT_AT: f64 = 2.0;
+pub(super) const LEFT_AT: f64 = 2.0;
+/// The same where errors scatter, in standard deviations of the scatter beside it. Derived: of a single point, whose squared error over its scatter is chi-square of two degrees of freedom over
+/// two, one in 8000 exceeds it, and of more points fewer.
+const SCATTERS: f64 = 3.0;
 
 /// Watches the feature error against the goal.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct GoalWatch {
     /// Since when every measurement has met the goal.
     met_since: Option<MonoNs>,
+    /// Errors of the measurements in a row, and since when they meet the goal in the mean.
+    mean: Box<GoalMean>,
+    met_in_mean: Option<MetInMean>,
+    /// Mean square by which single errors scatter at a goal that was reached in the mean, px^2.
+    scatter_px2: f64,
     /// Of a goal that was reported as reached and is not left: since when it was met.
     reached_since: Option<MonoNs>,
     /// Whether the last error was beyond what a goal that was reached allows.
     is_away: bool,
 }
 
+impl<const N: usize> Mission<N> {
+    /// Takes in the measurement `m` at `now`, whose feature error is `error_px`, NaN where it has none, and whether the goal is at rest.
+    pub(super) fn watch_goal(&mut self, now: MonoNs, m: &Measurement, error_px: f64, arrived: bool) {
+        let Goal { set_point, tolerance_px, hold, .. } = &self.goal;
+        let watch = &mut self.goal_watch;
+        watch.note_error(now, error_px, *tolerance_px, arrived);
+        match View::of(m, set_point).filter(|_| arrived && error_px.is_finite()) {
+            Some(view) => watch.mean.note(now, &view, (set_point, &self.plan.f_px), stated_px2(m)),
+            None => watch.mean.begin_anew(),
+        }
+        watch.met_in_mean = watch.mean.met(now, *tolerance_px, *hold);
+    }
+}
+
+/// Mean variance of a point's place that vision states, both coordinates together, px^2.
+fn stated_px2(m: &Measurement) -> f64 {
+    let variances = m.features().iter().map(|point| 2.0 * point.sd_px * point.sd_px);
+    variances.sum::<f64>() / m.features().len().max(1) as f64
+}
+
 impl GoalWatch {
+    /// The goal is another one, or the arm starts anew.
+    pub(super) fn begin_anew(&mut self) {
+        self.mean.begin_anew();
+        (self.met_since, self.met_in_mean, self.reached_since) = (None, None, None);
+        (self.scatter_px2, self.is_away) = (0.0, false);
+    }
+
     /// Takes in the feature error of a measurement at `now`, px, NaN where it has none; `arrived` says whether the goal is at rest.
     pub(super) fn note_error(&mut self, now: MonoNs, error_px: f64, tolerance_px: f64, arrived: bool) {
-        self.is_away = !arrived || error_px > LEFT_AT * tolerance_px;
+        let largest_px2 = (LEFT_AT * tolerance_px).powi(2) + SCATTERS * SCATTERS * self.scatter_px2;
+        self.is_away = !arrived || error_px > largest_px2.sqrt();
         if error_px.is_nan() || error_px > tolerance_px || !arrived {
             self.met_since = None;
         } else {
@@ -29,9 +80,10 @@ impl GoalWatch {
         }
     }
 
-    /// Whether the goal has been met for the time `hold`.
-    pub(super) fn is_held(&self, now: MonoNs, hold: SpanNs) -> bool {
-        self.met_since.is_some_and(|since| now - since >= hold)
+    /// The end of a run whose goal has been met by every measurement for the time `hold`, or in the mean.
+    pub(super) fn held(&self, now: MonoNs, hold: SpanNs) -> Option<Finish> {
+        let by_each = self.met_since.is_some_and(|since| now - since >= hold).then_some(CONVERGED);
+        by_each.or(self.met_in_mean.map(|_| CONVERGED_IN_MEAN))
     }
 
     /// The event of this tick, of a run that goes on at its goal: that it was reached, where it is `held`, or left. An arm that does not servo
@@ -39,11 +91,14 @@ impl GoalWatch {
     pub(super) fn change(&mut self, servoing: bool, held: bool) -> Option<Event> {
         match self.reached_since {
             None if servoing && held => {
-                self.reached_since = self.met_since;
+                let in_mean =
+                    self.met_in_mean.filter(|mean| self.met_since.is_none_or(|each| mean.since < each));
+                self.reached_since = in_mean.map(|mean| mean.since).or(self.met_since);
+                self.scatter_px2 = in_mean.map_or(0.0, |mean| mean.scatter_px2);
                 Some(Event::GoalReached)
             }
             Some(_) if self.is_away || !servoing => {
-                (self.reached_since, self.met_since) = (None, None);
+                self.begin_anew();
                 Some(Event::GoalLeft)
             }
             _ => None,
@@ -78,7 +133,7 @@ mod tests {
             (480, 0.1),
         ] {
             watch.note_error(at(ms), error_px, 1.0, true);
-            let held = watch.is_held(at(ms), hold);
+            let held = watch.held(at(ms), hold).is_some();
             told.extend(watch.change(true, held).map(|event| (ms, event)));
         }
         assert_eq!(told, [(240, Event::GoalReached), (320, Event::GoalLeft), (480, Event::GoalReached)]);

@@ -18,6 +18,7 @@
 //! | residual | the remaining error of an arm that has come to rest, or oscillates, away from its goal ([`residual`]) |
 
 mod errors;
+mod goal_mean;
 mod goal_path;
 mod goal_watch;
 mod lockstep;
@@ -83,7 +84,6 @@ const NO_MORE_FRAMES: Finish = Finish {
 /// The end of a run whose arm was recorded.
 const MOTION_OVER: Finish =
     Finish { outcome: Outcome::Finished, reason: "the recorded motion of the arm is over" };
-const CONVERGED: Finish = Finish { outcome: Outcome::Converged, reason: "the goal was reached and held" };
 
 /// The mission of one run.
 pub struct Mission<const N: usize> {
@@ -232,7 +232,8 @@ impl<const N: usize> Mission<N> {
         for event in trace.events.iter() {
             match event {
                 Event::Requested(Request::Start) => {
-                    (self.goal_watch, self.is_reduced) = (GoalWatch::default(), false);
+                    self.goal_watch.begin_anew();
+                    self.is_reduced = false;
                     // What an earlier start came to says nothing about this one.
                     self.residual.begin_anew();
                 }
@@ -301,7 +302,7 @@ impl<const N: usize> Mission<N> {
         self.residual.note_error(trace.time, error_px);
         self.note_tracking(m.exposure, error_px);
         let arrived = self.has_arrived(m.exposure);
-        self.goal_watch.note_error(trace.time, error_px, self.goal.tolerance_px, arrived);
+        self.watch_goal(trace.time, m, error_px, arrived);
     }
 
     /// The next look of a look-and-move, until the end is decided.
@@ -360,16 +361,19 @@ impl<const N: usize> Mission<N> {
     fn reached(&mut self, trace: &mut Trace) -> Option<Finish> {
         let (now, servoing) = (trace.time, self.state == ControlState::Servoing);
         let has_goal = self.plan.closed_loop && matches!(self.task, RunTask::Servo | RunTask::LookAndMove(_));
-        let held = servoing && has_goal && self.goal_watch.is_held(now, self.goal.hold);
+        let held = self.goal_watch.held(now, self.goal.hold).filter(|_| servoing && has_goal);
         if self.plan.service == Service::Served {
-            self.goal_watch.change(servoing, held).into_iter().for_each(|event| trace.events.push(event));
+            self.goal_watch
+                .change(servoing, held.is_some())
+                .into_iter()
+                .for_each(|event| trace.events.push(event));
             return None;
         }
         if let Some(finish) = self.task.refused() {
             return Some(finish);
         }
-        if held {
-            return Some(CONVERGED);
+        if held.is_some() {
+            return held;
         }
         if trace.inputs & trace_flag::MOTION_OVER != 0 {
             return Some(MOTION_OVER);

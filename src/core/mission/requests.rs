@@ -6,7 +6,6 @@
 //!                         └► Refusal                                                      └► Refusal
 //! ```
 
-use super::goal_watch::GoalWatch;
 use super::{BelievedCell, Mission, RunTask, vector};
 use crate::control::lifecycle::{Refusal, Request};
 use crate::control::order::ControlOrder;
@@ -116,7 +115,7 @@ impl<const N: usize> Mission<N> {
                 continue;
             }
             match change {
-                MissionChange::Start => self.goal_watch = GoalWatch::default(),
+                MissionChange::Start => self.goal_watch.begin_anew(),
                 MissionChange::Goal(set_point) => self.set_goal(set_point),
                 MissionChange::Tolerance(px) => self.goal.tolerance_px = px,
                 MissionChange::Hold(hold) => self.goal.hold = hold,
@@ -134,7 +133,7 @@ impl<const N: usize> Mission<N> {
             place.clone_from(&set_point);
         }
         (self.goal.set_point, self.goal.id) = (set_point, self.goal.id.saturating_add(1));
-        self.goal_watch = GoalWatch::default();
+        self.goal_watch.begin_anew();
         self.residual.begin_anew();
     }
 

@@ -358,7 +358,8 @@ impl<const N: usize> JointObserver<N> {
             if settings.velocity_rad_s > 0.0 {
                 let v = v_before[i] + h * (commanded.u[i] + self.a[i]);
                 let predicted = q_before[i] + 0.5 * h * (v_before[i] + v);
-                let step = settings.encoder_step[i];
+                // Between two steps nothing is known; noise has a mean, which the observer takes by its bandwidth.
+                let step = settings.encoder_step[i] - settings.encoder_noise[i];
                 let e = outside(q[i] - predicted, 0.5 * step);
                 let mut l = settings.velocity_rad_s;
                 if step > 0.0 {

@@ -11,10 +11,14 @@
 //! Two such filters run side by side. The agile filter has the process noise of the accelerations that the object may have, and therefore a noisy
 //! velocity. The quiet filter has hardly any process noise. Its velocity is used as long as the measurements fit it, which the mean of its
 //! normalized squared innovations shows (1 for a consistent filter); the part of it that is not significant against its covariance is set
-//! to zero, so that an object at rest has no estimated motion. Between both filters the velocity is interpolated by that mean.
+//! to zero, so that an object at rest has no estimated motion. Between both filters the velocity is interpolated by that mean. Where a third one, which
+//! estimates the acceleration of the place too, foretells measurements better ([`acceleration`]), that is believed.
+
+mod acceleration;
 
 use crate::geometry::{Pose, Twist};
 use crate::time::MonoNs;
+use acceleration::AcceleratingPlace;
 use nalgebra::{Matrix3, Matrix6, Matrix6x3, Translation3, UnitQuaternion, Vector3};
 
 /// Standard deviation of the speed that an object may have at its first measurement, m/s and rad/s: more than an arm could follow, so that the
@@ -61,6 +65,8 @@ pub struct ObjectMotion {
     quiet: Option<Estimate>,
     /// Mean normalized squared innovation of the quiet filter: place, orientation.
     misfit: [f64; 2],
+    /// Of a place that accelerates.
+    accelerating: Option<AcceleratingPlace>,
     /// The agile filter's pose with the velocity interpolated between both filters.
     believed: Option<Estimate>,
 }
@@ -71,6 +77,8 @@ struct Estimate {
     X_WO: Pose,
     v: Vector3<f64>,
     w: Vector3<f64>,
+    /// Acceleration of the place, where it is believed.
+    a: Vector3<f64>,
     place: Half,
     orientation: Half,
     /// Whether there was more than one measurement, so that a velocity is observable.
@@ -140,7 +148,7 @@ impl ObjectMotion {
     /// An estimator without measurements.
     #[must_use]
     pub fn new(dynamics: ObjectDynamics) -> Self {
-        Self { dynamics, estimate: None, quiet: None, misfit: [1.0; 2], believed: None }
+        Self { dynamics, estimate: None, quiet: None, misfit: [1.0; 2], accelerating: None, believed: None }
     }
 
     /// Takes a pose `X_WO` measured at `stamp`, with the covariance of its twist `[v; w]` expressed in W (m, rad).
@@ -158,6 +166,12 @@ impl ObjectMotion {
         match &mut self.estimate {
             Some(e) if stamp <= e.stamp => {}
             Some(e) if (stamp - e.stamp).as_s() <= LONGEST_GAP_S => {
+                let p = X_WO.translation.vector;
+                if let Some(place) = &mut self.accelerating {
+                    let innovation = p - e.at(stamp).translation.vector;
+                    let seen = (&p, R_place.trace() / 3.0);
+                    place.observe(stamp, seen, self.dynamics.acceleration_m_s2, &innovation);
+                }
                 e.update(stamp, X_WO, &R_place, &R_orientation, self.dynamics);
                 let agile = *e;
                 if let Some(quiet) = &mut self.quiet {
@@ -174,12 +188,19 @@ impl ObjectMotion {
                     X_WO: *X_WO,
                     v: Vector3::zeros(),
                     w: Vector3::zeros(),
+                    a: Vector3::zeros(),
                     place: Half::first(&R_place),
                     orientation: Half::first(&R_orientation),
                     speed_is_seen: false,
                 });
                 (self.estimate, self.quiet, self.believed) = (first, first, first);
                 self.misfit = [1.0; 2];
+                self.accelerating = Some(AcceleratingPlace::first(
+                    stamp,
+                    X_WO.translation.vector,
+                    R_place.trace() / 3.0,
+                    (FIRST_SPEED, self.dynamics.acceleration_m_s2),
+                ));
             }
         }
     }
@@ -190,6 +211,7 @@ impl ObjectMotion {
         let Some(quiet) = &mut self.quiet else { return };
         let mut believed = agile;
         let [place, orientation] = self.misfit.map(|misfit| share(misfit, FITS));
+        let misfits = place > 0.0;
         let at_rest = (quiet.place.significant(&quiet.v), quiet.orientation.significant(&quiet.w));
         believed.v = at_rest.0 + (agile.v - at_rest.0) * place;
         believed.w = at_rest.1 + (agile.w - at_rest.1) * orientation;
@@ -200,6 +222,13 @@ impl ObjectMotion {
         if orientation >= 1.0 {
             (quiet.w, quiet.orientation) = (agile.w, agile.orientation);
             quiet.X_WO.rotation = agile.X_WO.rotation;
+        }
+        // What fits a quiet motion is not set in motion by a third filter.
+        if let Some(place) = self.accelerating.filter(|_| misfits) {
+            let trust = place.trust();
+            believed.X_WO.translation.vector += (place.p - believed.X_WO.translation.vector) * trust;
+            believed.v += (place.v - believed.v) * trust;
+            believed.a = place.a * trust;
         }
         self.believed = Some(believed);
     }
@@ -214,7 +243,7 @@ impl ObjectMotion {
     #[must_use]
     pub fn twist_at(&self, time: MonoNs, p_W: &Vector3<f64>) -> Twist {
         let Some(e) = &self.believed else { return Twist::zeros() };
-        let v = e.v + e.w.cross(&(p_W - e.at(time).translation.vector));
+        let v = e.v + e.a * (time - e.stamp).as_s() + e.w.cross(&(p_W - e.at(time).translation.vector));
         Twist::new(v.x, v.y, v.z, e.w.x, e.w.y, e.w.z)
     }
 
@@ -264,7 +293,7 @@ impl Estimate {
     fn at(&self, time: MonoNs) -> Pose {
         let dt = (time - self.stamp).as_s();
         Pose::from_parts(
-            Translation3::from(self.X_WO.translation.vector + self.v * dt),
+            Translation3::from(self.X_WO.translation.vector + self.v * dt + self.a * (dt * dt / 2.0)),
             UnitQuaternion::from_scaled_axis(self.w * dt) * self.X_WO.rotation,
         )
     }

@@ -214,6 +214,7 @@ fn encoder_steps_do_not_shake_the_arm() {
         let observer = ObserverSettings {
             velocity_rad_s: 150.0,
             encoder_step: encoder.step,
+            encoder_noise: SVector::zeros(),
             ..observing(&robot, &posture())
         };
         let (mut before, mut squares, mut off) = (SVector::zeros(), 0.0, 0.0_f64);

@@ -13,6 +13,8 @@ pub struct ObserverSettings<const N: usize> {
     pub velocity_rad_s: f64,
     /// Step of each encoder, with its noise, rad or m.
     pub encoder_step: SVector<f64, N>,
+    /// The part of that which is noise: within it a position says little, but their mean says more.
+    pub encoder_noise: SVector<f64, N>,
     /// Largest disturbance of each joint, rad/s^2 or m/s^2.
     pub max_acceleration: SVector<f64, N>,
     /// Inertia of each joint while the others are free, about, kg m^2 or kg.
@@ -48,6 +50,7 @@ impl<const N: usize> ObserverSettings<N> {
             disturbance_rad_s: 0.0,
             velocity_rad_s: 0.0,
             encoder_step: zero,
+            encoder_noise: zero,
             max_acceleration: zero,
             inertia: zero,
         }

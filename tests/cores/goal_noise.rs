@@ -1,0 +1,84 @@
+//! Goals before noise: they are recognized where single measurements scatter beyond their tolerance, and not where the arm is elsewhere.
+
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
+use std::ops::ControlFlow::Continue;
+use std::path::Path;
+use vservo::config::Config;
+use vservo::control::outcome::Outcome;
+use vservo::sim::{Moment, SystemRun, simulate_system};
+
+/// The tolerance of the shipped run files, px.
+const TOLERANCE_PX: f64 = 0.05;
+
+/// A run, how long it took, s, and the true feature error over its last second: its root mean square, px.
+fn run(file: &str, seed: u64, set: &[&str]) -> (SystemRun, f64, f64) {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("config/{file}.toml"));
+    let set: Vec<String> = set
+        .iter()
+        .map(ToString::to_string)
+        .chain([format!("run.seed={seed}"), "run.duration_s=20".into()])
+        .collect();
+    let config = Config::load(Some(&path), &set).unwrap();
+    let mut errors_px = Vec::new();
+    let run = simulate_system(&config, &mut |moment| {
+        if let Moment::Tick(_, errors) = moment {
+            errors_px.push(errors.feature_error_px.unwrap());
+        }
+        Continue(())
+    })
+    .unwrap();
+    let last = &errors_px[errors_px.len().saturating_sub(1000)..];
+    let rms_px = (last.iter().map(|e| e * e).sum::<f64>() / last.len() as f64).sqrt();
+    (run, 1e-3 * errors_px.len() as f64, rms_px)
+}
+
+const FILES: [&str; 4] = ["default", "ur5", "panda", "ur5-b"];
+
+#[test]
+fn noise_of_the_image_does_not_hide_the_goal() {
+    for levels in [4, 12, 20, 28] {
+        let noise = format!("camera.synthetic.noise_sd_levels={levels}");
+        for (file, seed) in FILES.iter().zip(31..) {
+            let (run, took_s, rms_px) = run(file, seed, &[&noise]);
+            assert_eq!(run.finish.outcome, Outcome::Converged, "{file} {levels} {run:?}");
+            assert!(rms_px <= TOLERANCE_PX, "{file} {levels}: {rms_px} px in truth");
+            assert!(took_s < 5.0, "{file} {levels}: {took_s} s");
+        }
+    }
+}
+
+/// With 1e-4 rad of noise the arm trembles by more than the tolerance, about a place within it.
+#[test]
+fn noise_of_encoders_does_not_hide_the_goal() {
+    for (sd, steps) in [("2e-5", "5e-6"), ("6e-5", "5e-6"), ("1e-4", "5e-6"), ("1e-4", "0.0")] {
+        let noise = format!("drive.simulated.encoder_noise_sd_rad_or_m=[{sd}]");
+        let steps = format!("drive.simulated.encoder_step_rad_or_m=[{steps}]");
+        for (file, seed) in FILES.iter().zip(41..) {
+            let (run, took_s, rms_px) = run(file, seed, &[&noise, &steps]);
+            assert_eq!(run.finish.outcome, Outcome::Converged, "{file} {sd} {run:?}");
+            assert!(rms_px <= 2.0 * TOLERANCE_PX, "{file} {sd}: {rms_px} px in truth");
+            assert!(took_s < 6.0, "{file} {sd}: {took_s} s");
+        }
+    }
+}
+
+/// A head of two joints cannot go nearer to its target: what is left of the error is the same however noisy it is measured, and is no goal.
+#[test]
+fn an_error_that_stays_is_no_goal_whatever_the_noise() {
+    for (nearer_mm, least_px) in [(0.8, 1.1 * TOLERANCE_PX), (1.1, 1.6 * TOLERANCE_PX)] {
+        for levels in [2, 10, 20, 28] {
+            let noise = format!("camera.synthetic.noise_sd_levels={levels}");
+            let desired = format!("servo.desired.position_m=[-0.05, -0.05, {}]", 0.8 + 1e-3 * nearer_mm);
+            for seed in 51..54 {
+                let (run, _, rms_px) = run("pan_tilt", seed, &[&noise, &desired]);
+                assert!(rms_px > least_px, "{nearer_mm} mm: {rms_px} px in truth");
+                assert_ne!(
+                    run.finish.outcome,
+                    Outcome::Converged,
+                    "{nearer_mm} mm, {levels}: {rms_px} px in truth"
+                );
+            }
+        }
+    }
+}
