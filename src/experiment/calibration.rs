@@ -10,7 +10,7 @@ use super::cell::{POINTS, pose_of, project};
 use super::feature_source::{FeatureSource, Miscalibration, camera};
 use super::findings::Findings;
 use super::plot::{Panel, Series, Symbol, figure};
-use super::schemes::{Estimator, Pilot, PoseFeature, SCHEMES, Scheme, set_point};
+use super::schemes::{Estimator, PoseFeature, SCHEMES, Scheme, SchemeController, set_point};
 use super::simulate::simulate;
 use super::{Cell, ExperimentError, Metrics, Options, Trajectory, TrajectoryEnd};
 use crate::servo::SetPoint;
@@ -64,9 +64,9 @@ pub fn run_miscalibrated(
         Teaching::Taught => taught(cell, scheme, wrong)?,
     };
     let estimator = scheme.is_position_based().then(|| Estimator::new(PoseFeature::Points));
-    let mut pilot = Pilot::new(cell, scheme.law(), goal, estimator);
+    let mut controller = SchemeController::new(cell, scheme.law(), goal, estimator);
     let mut source = FeatureSource::Miscalibrated(*wrong);
-    Ok(simulate(cell, scheme.name(), &mut source, SPAN_S, |frame| pilot.control(frame)))
+    Ok(simulate(cell, scheme.name(), &mut source, SPAN_S, |frame| controller.control(frame)))
 }
 
 /// The set-point as the camera measures it in the goal: features, or for position-based schemes the estimated pose.

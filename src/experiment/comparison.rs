@@ -3,7 +3,9 @@
 use super::findings::Findings;
 use super::metrics::Metrics;
 use super::plot::{Drawing, Panel, Series, Symbol, figure};
-use super::schemes::{Estimator, Pilot, PoseFeature, SCHEMES, Scheme, segment_selection, set_point};
+use super::schemes::{
+    Estimator, PoseFeature, SCHEMES, Scheme, SchemeController, segment_selection, set_point,
+};
 use super::simulate::{SPAN_S, simulate};
 use super::{
     CameraKind, Cell, CellGoal, ExperimentError, FeatureSource, Options, RenderedFeatures, Trajectory,
@@ -36,8 +38,8 @@ pub fn run_scheme(
     scheme: Scheme,
     source: &mut FeatureSource,
 ) -> Result<Trajectory, ExperimentError> {
-    let mut pilot = Pilot::textbook(cell, scheme)?;
-    Ok(simulate(cell, scheme.name(), source, SPAN_S, |frame| pilot.control(frame)))
+    let mut controller = SchemeController::textbook(cell, scheme)?;
+    Ok(simulate(cell, scheme.name(), source, SPAN_S, |frame| controller.control(frame)))
 }
 
 /// A, B, C, D and hybrid in one set.
@@ -65,9 +67,9 @@ pub(super) fn segment_problem(options: &Options<'_>, scheme: Scheme) -> Result<F
     let cell = Cell::textbook()?;
     (options.progress)(&format!("scheme {} on the points, then on the segment", scheme.name()));
     let points = run_scheme(&cell, scheme, &mut source(options)?)?;
-    let mut pilot = segment_pilot(&cell, scheme)?;
+    let mut controller = segment_controller(&cell, scheme)?;
     let name = format!("{}-segment", scheme.name());
-    let segment = simulate(&cell, &name, &mut source(options)?, SPAN_S, |frame| pilot.control(frame));
+    let segment = simulate(&cell, &name, &mut source(options)?, SPAN_S, |frame| controller.control(frame));
     let mut outcome = report(&[segment, points], &cell.goal()?)?;
     if scheme == Scheme::C {
         outcome
@@ -77,10 +79,15 @@ pub(super) fn segment_problem(options: &Options<'_>, scheme: Scheme) -> Result<F
 }
 
 /// The segment in place of the points, in the estimator or in the law itself.
-fn segment_pilot(cell: &Cell, scheme: Scheme) -> Result<Pilot<'_>, ExperimentError> {
+fn segment_controller(cell: &Cell, scheme: Scheme) -> Result<SchemeController<'_>, ExperimentError> {
     if scheme.is_position_based() {
         let goal = set_point(&cell.X_DO, scheme.selection())?;
-        return Ok(Pilot::new(cell, scheme.law(), goal, Some(Estimator::new(PoseFeature::Segment))));
+        return Ok(SchemeController::new(
+            cell,
+            scheme.law(),
+            goal,
+            Some(Estimator::new(PoseFeature::Segment)),
+        ));
     }
     let law = match scheme {
         Scheme::C => Law::ImageTorque {
@@ -90,7 +97,7 @@ fn segment_pilot(cell: &Cell, scheme: Scheme) -> Result<Pilot<'_>, ExperimentErr
         },
         other => other.law(),
     };
-    Ok(Pilot::new(cell, law, set_point(&cell.X_DO, segment_selection()?)?, None))
+    Ok(SchemeController::new(cell, law, set_point(&cell.X_DO, segment_selection()?)?, None))
 }
 
 /// Tables, metrics and the figures of Sect. 10.9 for some runs.

@@ -1,6 +1,6 @@
 //! Random starts in six degrees of freedom: which share of them each scheme brings home, and what becomes of the others.
 //!
-//! The camera flies freely. Under the velocity schemes it takes the twist of each frame for 0.04 s; under the torque
+//! The camera moves freely. Under the velocity schemes it takes the twist of each frame for 0.04 s; under the torque
 //! schemes it is a ball of 1 kg with the camera in its middle, on which the held wrench acts.
 //!
 //! The numbers here are the study's settings, chosen; its page tells them, and what it shows is shown for them.
@@ -49,7 +49,7 @@ const STILL: f64 = 1e-7;
 
 /// What became of a start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Fate {
+pub enum StartOutcome {
     /// Within 0.5 mm and 0.1 degree of the goal.
     Converged,
     /// The image is right to 0.1 px, but the camera is still on its way along a direction that hardly shows in it.
@@ -68,7 +68,7 @@ pub enum Fate {
     TooSlow,
 }
 
-impl Fate {
+impl StartOutcome {
     /// For files.
     #[must_use]
     pub fn name(self) -> &'static str {
@@ -87,9 +87,9 @@ impl Fate {
 
 /// One run: what became of it, and how far the image was from the desired one.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Flight {
+pub struct ConvergenceRun {
     /// What became of it.
-    pub fate: Fate,
+    pub outcome: StartOutcome,
     /// When, s.
     pub time_s: f64,
     /// Root mean square over the points at the start, px.
@@ -104,10 +104,10 @@ pub(super) fn goal() -> Pose {
     Pose::translation(-0.05, -0.05, 0.6)
 }
 
-/// What is flown: the schemes of the comparison as the text has them, D with the depths of the true pose, C with a
+/// What is compared: the schemes of the comparison as the text has them, D with the depths of the true pose, C with a
 /// preconditioned K_Ps; and all of them with estimated depths and the target kept in the image.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Flier {
+pub struct LawVariant {
     /// For files.
     pub name: &'static str,
     scheme: Scheme,
@@ -116,22 +116,27 @@ pub struct Flier {
     guarded: bool,
 }
 
-/// All fliers.
-pub const FLIERS: [Flier; 12] = {
-    const fn with_desired_depth(name: &'static str, scheme: Scheme) -> Flier {
-        Flier { name, scheme, depth: DepthSource::Desired, guarded: false }
+/// All variants.
+pub const LAW_VARIANTS: [LawVariant; 12] = {
+    const fn with_desired_depth(name: &'static str, scheme: Scheme) -> LawVariant {
+        LawVariant { name, scheme, depth: DepthSource::Desired, guarded: false }
     }
-    const fn guarded(name: &'static str, scheme: Scheme) -> Flier {
-        Flier { name, scheme, depth: DepthSource::Estimated, guarded: true }
+    const fn guarded(name: &'static str, scheme: Scheme) -> LawVariant {
+        LawVariant { name, scheme, depth: DepthSource::Estimated, guarded: true }
     }
     [
         with_desired_depth("A", Scheme::A),
         with_desired_depth("B", Scheme::B),
         with_desired_depth("C", Scheme::C),
         with_desired_depth("D", Scheme::D),
-        Flier { name: "D-true-depth", scheme: Scheme::D, depth: DepthSource::Known, guarded: false },
+        LawVariant { name: "D-true-depth", scheme: Scheme::D, depth: DepthSource::Known, guarded: false },
         with_desired_depth("hybrid", Scheme::Hybrid),
-        Flier { name: "C-preconditioned", scheme: Scheme::C, depth: DepthSource::Estimated, guarded: false },
+        LawVariant {
+            name: "C-preconditioned",
+            scheme: Scheme::C,
+            depth: DepthSource::Estimated,
+            guarded: false,
+        },
         guarded("A-guarded", Scheme::A),
         guarded("B-guarded", Scheme::B),
         guarded("C-guarded", Scheme::C),
@@ -141,11 +146,11 @@ pub const FLIERS: [Flier; 12] = {
 };
 
 /// The laws in six degrees of freedom: the gains of the comparison where they carry over, else critically damped ones.
-fn law(flier: &Flier) -> Law {
-    let interaction = Interaction { at: InteractionAt::Current, depth: flier.depth };
+fn law(variant: &LawVariant) -> Law {
+    let interaction = Interaction { at: InteractionAt::Current, depth: variant.depth };
     let (orientation, space) = (OrientationError::AngleAxis, OperationalSpace::Six);
     let inertia = Vector6::new(MASS_KG, MASS_KG, MASS_KG, INERTIA_KG_M2, INERTIA_KG_M2, INERTIA_KG_M2);
-    match flier.scheme {
+    match variant.scheme {
         Scheme::A => Law::PositionTorque {
             K_P: (inertia * 4.0).into(),
             damping: Damping::Task((inertia * 4.0).into()),
@@ -159,7 +164,7 @@ fn law(flier: &Flier) -> Law {
             space,
         },
         // K_P and K_D of A; L_s at the goal too, which with such gains is quicker than at the current features.
-        Scheme::C if flier.depth != DepthSource::Desired => Law::PreconditionedTorque {
+        Scheme::C if variant.depth != DepthSource::Desired => Law::PreconditionedTorque {
             K_Ps: FeatureGains { K_P: (inertia * 4.0).into(), rest: 10.0 },
             damping: Damping::Task((inertia * 4.0).into()),
             interaction: Interaction { at: InteractionAt::Desired, ..interaction },
@@ -182,7 +187,7 @@ fn law(flier: &Flier) -> Law {
     }
 }
 
-/// The guard of the fliers: points have no size here.
+/// The guard of the variants: points have no size here.
 fn guard(camera: &CameraModel) -> VisibilityGuard {
     VisibilityGuard {
         camera: *camera,
@@ -206,7 +211,7 @@ fn faces(X_CO: &Pose) -> bool {
 /// Start number `n`: any axis, up to 60 degrees, 0.3 to 1.2 m away, the whole square in view.
 #[must_use]
 pub fn start(camera: &CameraModel, n: usize) -> Pose {
-    // By its number, so that any thread may fly it.
+    // By its number, so that any thread may run it.
     let mut random = Random::new((n as u64).wrapping_mul(0xD1B5_4A32_D192_ED03));
     loop {
         let axis = Vector3::from_fn(|_, _| random.between(-1.0, 1.0));
@@ -226,28 +231,37 @@ pub fn start(camera: &CameraModel, n: usize) -> Pose {
     }
 }
 
-/// One run from start to fate.
+/// One run from a start to its outcome.
 #[must_use]
-pub fn fly(camera: &CameraModel, flier: &Flier, set_point: &SetPoint, X_CO_start: &Pose) -> Flight {
+pub fn run_from(
+    camera: &CameraModel,
+    variant: &LawVariant,
+    set_point: &SetPoint,
+    X_CO_start: &Pose,
+) -> ConvergenceRun {
     let error_px = |X_CO: &Pose| set_point.error_rms_px_at(X_CO, &Vector2::repeat(camera.intrinsics().fx_px));
-    let mut course = Course {
+    let mut free = FreeCameraLoop {
         camera,
         set_point,
-        locates: flier.scheme.is_position_based() || flier.depth == DepthSource::Estimated,
-        guard: flier.guarded.then(|| guard(camera)),
-        law: law(flier),
+        locates: variant.scheme.is_position_based() || variant.depth == DepthSource::Estimated,
+        guard: variant.guarded.then(|| guard(camera)),
+        law: law(variant),
         X_CO: *X_CO_start,
         V: Twist::zeros(),
         estimate: None,
     };
-    let (fate, time_s) = run(&frame_every(1), &mut course);
-    let last_error_px = error_px(&course.X_CO);
-    let fate = if fate == Fate::TooSlow && last_error_px <= NEAR_PX { Fate::ImageOnly } else { fate };
-    Flight { fate, time_s, first_error_px: error_px(X_CO_start), last_error_px }
+    let (outcome, time_s) = run(&frame_every(1), &mut free);
+    let last_error_px = error_px(&free.X_CO);
+    let outcome = if outcome == StartOutcome::TooSlow && last_error_px <= NEAR_PX {
+        StartOutcome::ImageOnly
+    } else {
+        outcome
+    };
+    ConvergenceRun { outcome, time_s, first_error_px: error_px(X_CO_start), last_error_px }
 }
 
-/// A flight; its ticks are frames. It ends with its fate and time, s.
-struct Course<'a> {
+/// A run; its ticks are frames. It ends with its outcome and time, s.
+struct FreeCameraLoop<'a> {
     camera: &'a CameraModel,
     set_point: &'a SetPoint,
     locates: bool,
@@ -258,34 +272,34 @@ struct Course<'a> {
     estimate: Option<Pose>,
 }
 
-impl ClosedLoop for Course<'_> {
+impl ClosedLoop for FreeCameraLoop<'_> {
     type Observation = [Vector2<f64>; 4];
-    type Outcome = (Fate, f64);
+    type Outcome = (StartOutcome, f64);
 
     fn sense(&mut self, frame: u64) -> ControlFlow<Self::Outcome> {
         if frame >= FRAMES {
-            return Break((Fate::TooSlow, SPAN_S));
+            return Break((StartOutcome::TooSlow, SPAN_S));
         }
         let X_DC = goal() * self.X_CO.inverse();
         let away = X_DC.translation.vector.norm();
         let angle = rotation_angle(&X_DC.rotation.to_rotation_matrix());
         if away <= NEAR.0 && angle <= NEAR.1 && self.V.norm() < 0.1 {
-            return Break((Fate::Converged, time_s(frame)));
+            return Break((StartOutcome::Converged, time_s(frame)));
         }
-        if away < FAR_M { Continue(()) } else { Break((Fate::Diverged, time_s(frame))) }
+        if away < FAR_M { Continue(()) } else { Break((StartOutcome::Diverged, time_s(frame))) }
     }
 
     fn see(&mut self, frame: u64, _: u64) -> ControlFlow<Self::Outcome, Self::Observation> {
         let Some(s) = project(&self.X_CO).filter(|_| faces(&self.X_CO)) else {
-            return Break((Fate::TargetLost, time_s(frame)));
+            return Break((StartOutcome::TargetLost, time_s(frame)));
         };
         if !in_view(self.camera, &self.X_CO) {
-            return Break((Fate::LeftImage, time_s(frame)));
+            return Break((StartOutcome::LeftImage, time_s(frame)));
         }
         if self.locates {
             self.estimate = locate(&s, self.estimate.as_ref());
             if self.estimate.is_none() {
-                return Break((Fate::NoAnswer, time_s(frame)));
+                return Break((StartOutcome::NoAnswer, time_s(frame)));
             }
         }
         Continue(s)
@@ -304,7 +318,7 @@ impl ClosedLoop for Course<'_> {
                 Some(guard.hold(self.set_point, &view, (&task, &self.law.joint_damping()), &arm, law_output))
             });
         let still = match law_output {
-            None => return Break((Fate::NoAnswer, time_s(frame))),
+            None => return Break((StartOutcome::NoAnswer, time_s(frame))),
             Some(LawOutput::Velocity(twist)) => {
                 self.V = twist;
                 self.X_CO = integrate_body_twist(&Pose::identity(), &twist, FRAME_S).inverse() * self.X_CO;
@@ -315,7 +329,7 @@ impl ClosedLoop for Course<'_> {
                 self.V.norm() < STILL && wrench.norm() < STILL
             }
         };
-        if still { Break((Fate::LocalMinimum, time_s(frame))) } else { Continue(()) }
+        if still { Break((StartOutcome::LocalMinimum, time_s(frame))) } else { Continue(()) }
     }
 }
 
@@ -353,17 +367,21 @@ fn ball(X_CO: &Pose, V: &Twist, wrench: &Vector6<f64>) -> (Pose, Twist) {
     (X_CO, V)
 }
 
-/// Starts `0..count` of one flier, flown on every core.
+/// Starts `0..count` of one variant, run on every core.
 ///
 /// # Errors
 /// [`ExperimentError::Cell`], [`ExperimentError::Worker`].
-pub fn flights(flier: &Flier, count: usize) -> Result<Vec<Flight>, ExperimentError> {
+pub fn runs_of(variant: &LawVariant, count: usize) -> Result<Vec<ConvergenceRun>, ExperimentError> {
     let camera = camera()?;
     let goal = set_point(&goal(), Selection::all_points(POINTS.len()))?;
     let workers = std::thread::available_parallelism().map_or(1, usize::from).min(count.max(1));
     let worker = |cause: String| ExperimentError::Worker { cause };
-    let not_flown =
-        Flight { fate: Fate::TooSlow, time_s: f64::NAN, first_error_px: f64::NAN, last_error_px: f64::NAN };
+    let not_flown = ConvergenceRun {
+        outcome: StartOutcome::TooSlow,
+        time_s: f64::NAN,
+        first_error_px: f64::NAN,
+        last_error_px: f64::NAN,
+    };
     let mut all = vec![not_flown; count];
     let share = count.div_ceil(workers).max(1);
     std::thread::scope(|scope| {
@@ -372,7 +390,7 @@ pub fn flights(flier: &Flier, count: usize) -> Result<Vec<Flight>, ExperimentErr
             let (camera, goal) = (&camera, &goal);
             let work = move || {
                 for (k, slot) in part.iter_mut().enumerate() {
-                    *slot = fly(camera, flier, goal, &start(camera, i * share + k));
+                    *slot = run_from(camera, variant, goal, &start(camera, i * share + k));
                 }
             };
             let name = format!("convergence-{i}");
@@ -390,45 +408,45 @@ pub(super) fn convergence(options: &Options<'_>) -> Result<Findings, ExperimentE
     let mut table = String::from("start,rotation_rad,distance_m");
     let mut columns = Vec::new();
     let mut panel = Panel::new("converged within t", "t [s]", "share of the starts [%]").y_range(0.0, 100.0);
-    for (i, flier) in FLIERS.iter().enumerate() {
-        (options.progress)(&format!("scheme {}: {} starts", flier.name, options.count));
-        let flights = flights(flier, options.count)?;
+    for (i, variant) in LAW_VARIANTS.iter().enumerate() {
+        (options.progress)(&format!("scheme {}: {} starts", variant.name, options.count));
+        let runs = runs_of(variant, options.count)?;
         let mut counts = BTreeMap::new();
-        flights.iter().for_each(|flight| *counts.entry(flight.fate).or_insert(0usize) += 1);
-        let home = counts.get(&Fate::Converged).copied().unwrap_or(0);
+        runs.iter().for_each(|run| *counts.entry(run.outcome).or_insert(0usize) += 1);
+        let home = counts.get(&StartOutcome::Converged).copied().unwrap_or(0);
         let percent = 100.0 * home as f64 / options.count.max(1) as f64;
-        let in_image = home + counts.get(&Fate::ImageOnly).copied().unwrap_or(0);
+        let in_image = home + counts.get(&StartOutcome::ImageOnly).copied().unwrap_or(0);
         let in_image_percent = 100.0 * in_image as f64 / options.count.max(1) as f64;
         let others: Vec<_> = counts
             .iter()
-            .filter(|(fate, _)| **fate != Fate::Converged)
-            .map(|(fate, count)| format!("{} {count}", fate.name()))
+            .filter(|(outcome, _)| **outcome != StartOutcome::Converged)
+            .map(|(outcome, count)| format!("{} {count}", outcome.name()))
             .collect();
-        out.lines.push(format!("{:12} {percent:6.2} % converged; {}", flier.name, others.join(", ")));
+        out.lines.push(format!("{:12} {percent:6.2} % converged; {}", variant.name, others.join(", ")));
         let reasons: Map<String, Value> =
-            counts.iter().map(|(fate, count)| (fate.name().to_string(), json!(count))).collect();
+            counts.iter().map(|(outcome, count)| (outcome.name().to_string(), json!(count))).collect();
         out.metric(
-            flier.name,
+            variant.name,
             json!({ "starts": options.count, "converged_percent": percent,
-                    "converged_in_image_percent": in_image_percent, "fates": reasons }),
+                    "converged_in_image_percent": in_image_percent, "outcomes": reasons }),
         );
         let mut times: Vec<f64> =
-            flights.iter().filter(|f| f.fate == Fate::Converged).map(|f| f.time_s).collect();
+            runs.iter().filter(|f| f.outcome == StartOutcome::Converged).map(|f| f.time_s).collect();
         times.sort_by(f64::total_cmp);
         let share =
             times.iter().enumerate().map(|(n, t)| (*t, 100.0 * (n + 1) as f64 / options.count as f64));
-        panel.push(Series::line(i, share.collect::<Vec<_>>()).label(flier.name));
-        let _ = write!(table, ",{0},{0}_time_s,{0}_error_px", flier.name);
-        columns.push(flights);
+        panel.push(Series::line(i, share.collect::<Vec<_>>()).label(variant.name));
+        let _ = write!(table, ",{0},{0}_time_s,{0}_error_px", variant.name);
+        columns.push(runs);
     }
     table.push('\n');
     for n in 0..options.count {
         let X_DC = goal() * start(&camera, n).inverse();
         let angle = rotation_angle(&X_DC.rotation.to_rotation_matrix());
         let _ = write!(table, "{n},{angle:.6},{:.6}", X_DC.translation.vector.norm());
-        for flight in columns.iter().filter_map(|column| column.get(n)) {
-            let Flight { fate, time_s, last_error_px, .. } = flight;
-            let _ = write!(table, ",{},{time_s:.2},{last_error_px:.4}", fate.name());
+        for run in columns.iter().filter_map(|column| column.get(n)) {
+            let ConvergenceRun { outcome, time_s, last_error_px, .. } = run;
+            let _ = write!(table, ",{},{time_s:.2},{last_error_px:.4}", outcome.name());
         }
         table.push('\n');
     }

@@ -33,7 +33,7 @@ mod trajectory;
 pub use calibration::{Teaching, calibrations, run_miscalibrated};
 pub use cell::{Cell, POINTS, desired_object, pose_of, project};
 pub use comparison::run_scheme;
-pub use convergence::{FLIERS, Fate, Flier, Flight, flights, fly, start};
+pub use convergence::{ConvergenceRun, LAW_VARIANTS, LawVariant, StartOutcome, run_from, runs_of, start};
 pub use error::ExperimentError;
 pub use feature_source::{FeatureSource, Miscalibration, RenderedFeatures};
 pub use findings::{Figure, Findings, StepFigure, embedded_image};
@@ -41,7 +41,7 @@ pub use gain_delay::{DELAYS_MS, DelayedLoop, Disturbance, Finding, errors_to_bea
 pub use metrics::{CellGoal, Metrics, RemainingErrors, SettlingTimes, path_deviation, settling_time};
 pub use plot::{Drawing, Panel, Series, Symbol, figure};
 pub use retreat::{ROTATIONS_DEG, pure_rotation, retreat_of};
-pub use schemes::{Estimator, Pilot, PoseFeature, SCHEMES, Scheme, segment_selection, set_point};
+pub use schemes::{Estimator, PoseFeature, SCHEMES, Scheme, SchemeController, segment_selection, set_point};
 pub use simulate::{LawInput, SPAN_S, STEP_S, STEPS_PER_FRAME, simulate, simulate_at};
 pub use stability::{StabilityFinding, WrongKnowledge, stability_of};
 pub use trajectory::{HEADER, Trajectory, TrajectoryEnd, TrajectoryRow};
@@ -303,7 +303,7 @@ fn forewarning(options: &Options<'_>, out: &Path) -> String {
     let time = if seconds < 90.0 { format!("{seconds:.0} s") } else { format!("{:.0} min", seconds / 60.0) };
     let longer = if options.camera == CameraKind::Rendered { ", longer with rendered images" } else { "" };
     format!(
-        "all: {} experiments, about {time} on {cores} core(s){longer}; {FILES_MB:.0} MB in {}; `convergence` flies {} starts (--count)",
+        "all: {} experiments, about {time} on {cores} core(s){longer}; {FILES_MB:.0} MB in {}; `convergence` runs {} starts (--count)",
         EXPERIMENTS.len(),
         out.display(),
         options.count,

@@ -8,7 +8,7 @@
 
 use super::findings::Findings;
 use super::plot::{Panel, Series, Symbol, figure};
-use super::schemes::{Pilot, set_point};
+use super::schemes::{SchemeController, set_point};
 use super::simulate::{STEP_S, simulate_at};
 use super::{Cell, ExperimentError, FeatureSource, Options, Trajectory, TrajectoryEnd};
 use crate::geometry::Pose;
@@ -35,9 +35,9 @@ pub fn pure_rotation(angle_rad: f64, depth: DepthSource) -> Result<Trajectory, E
     let interaction = Interaction { at: InteractionAt::Current, depth };
     let law = Law::ImageVelocity { K_s: 1.0.into(), gain: Gain::Constant(1.0), interaction };
     let goal = set_point(&cell.X_DO, Selection::all_points(4))?;
-    let mut pilot = Pilot::new(&cell, law, goal, None).knowing_depth();
+    let mut controller = SchemeController::new(&cell, law, goal, None).knowing_depth();
     let name = format!("{:.0}deg", angle_rad.to_degrees());
-    Ok(simulate_at(1, &cell, &name, &mut FeatureSource::Ideal, SPAN_S, |frame| pilot.control(frame)))
+    Ok(simulate_at(1, &cell, &name, &mut FeatureSource::Ideal, SPAN_S, |frame| controller.control(frame)))
 }
 
 /// Greatest distance of the object over the first one.

@@ -151,7 +151,7 @@ impl Estimator {
 
 /// A law at work on frames: set-point, and pose estimation where the law needs it.
 #[derive(Debug, Clone)]
-pub struct Pilot<'a> {
+pub struct SchemeController<'a> {
     cell: &'a Cell,
     law: Law,
     set_point: SetPoint,
@@ -160,7 +160,7 @@ pub struct Pilot<'a> {
     knows_depth: bool,
 }
 
-impl<'a> Pilot<'a> {
+impl<'a> SchemeController<'a> {
     /// `scheme` in the operating conditions of Sect. 10.9: s_d from x_d,o.
     ///
     /// # Errors

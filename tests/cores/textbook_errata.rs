@@ -5,9 +5,9 @@
 
 use nalgebra::{Matrix6, Vector3, Vector6};
 use vservo::experiment::{
-    Cell, FeatureSource, Metrics, POINTS, Pilot, ROTATIONS_DEG, SCHEMES, Scheme, Teaching, Trajectory,
-    TrajectoryEnd, TrajectoryRow, calibrations, project, pure_rotation, retreat_of, run_miscalibrated,
-    segment_selection, set_point, simulate,
+    Cell, FeatureSource, Metrics, POINTS, ROTATIONS_DEG, SCHEMES, Scheme, SchemeController, Teaching,
+    Trajectory, TrajectoryEnd, TrajectoryRow, calibrations, project, pure_rotation, retreat_of,
+    run_miscalibrated, segment_selection, set_point, simulate,
 };
 use vservo::geometry::{Pose, integrate_body_twist};
 use vservo::robot::CameraJacobian;
@@ -34,7 +34,7 @@ fn retreat_grows_with_the_rotation() {
 #[test]
 fn scheme_c_is_close_to_its_limit() {
     let cell = Cell::textbook().unwrap();
-    let fly = |gain: f64, depth| {
+    let run = |gain: f64, depth| {
         let interaction = Interaction { at: InteractionAt::Current, depth };
         let law = Law::ImageTorque {
             K_Ps: (300.0 * gain).into(),
@@ -42,16 +42,16 @@ fn scheme_c_is_close_to_its_limit() {
             interaction,
         };
         let goal = set_point(&cell.X_DO, Scheme::C.selection()).unwrap();
-        let mut pilot = Pilot::new(&cell, law, goal, None).knowing_depth();
-        simulate(&cell, "C", &mut FeatureSource::Ideal, 40.0, |frame| pilot.control(frame))
+        let mut controller = SchemeController::new(&cell, law, goal, None).knowing_depth();
+        simulate(&cell, "C", &mut FeatureSource::Ideal, 40.0, |frame| controller.control(frame))
     };
     let away = |run: &Trajectory| (run.rows.last().unwrap().x_c - cell.goal().unwrap().x_c).norm();
     let ends_elsewhere = |run: &Trajectory| run.end != TrajectoryEnd::Finished || away(run) > 1.0;
-    let printed = fly(1.0, DepthSource::Desired);
-    assert!(away(&printed) < 1e-6 && !ends_elsewhere(&fly(1.1, DepthSource::Desired)));
-    assert!(ends_elsewhere(&fly(1.15, DepthSource::Desired)), "a seventh more is too much");
+    let printed = run(1.0, DepthSource::Desired);
+    assert!(away(&printed) < 1e-6 && !ends_elsewhere(&run(1.1, DepthSource::Desired)));
+    assert!(ends_elsewhere(&run(1.15, DepthSource::Desired)), "a seventh more is too much");
     let highest = |run: &Trajectory| run.rows.iter().map(|row| row.x_c.z).fold(f64::INFINITY, f64::min);
-    let known = fly(1.0, DepthSource::Known);
+    let known = run(1.0, DepthSource::Known);
     let (printed, known) = (highest(&printed), highest(&known));
     // 0.4 m is the goal; the start is at 0.5 m.
     assert!(
@@ -69,8 +69,8 @@ fn the_text_has_no_gains_for_the_segment() {
         interaction: Interaction::TEXTBOOK,
     };
     let goal = set_point(&cell.X_DO, segment_selection().unwrap()).unwrap();
-    let mut pilot = Pilot::new(&cell, law, goal, None);
-    let run = simulate(&cell, "C", &mut FeatureSource::Ideal, 8.0, |frame| pilot.control(frame));
+    let mut controller = SchemeController::new(&cell, law, goal, None);
+    let run = simulate(&cell, "C", &mut FeatureSource::Ideal, 8.0, |frame| controller.control(frame));
     assert!(
         matches!(run.end, TrajectoryEnd::Stopped { .. }),
         "scheme C's gains on the segment are unstable at 25 Hz"
@@ -171,9 +171,10 @@ fn scheme_c_taught_at_a_short_focal_length_diverges() {
     let taught = taught.with_selection(Scheme::C.selection()).unwrap();
     let (K_Ps, damping) = (270.0.into(), Damping::Task(297.0.into()));
     let law = Law::ImageTorque { K_Ps, damping, interaction: Interaction::TEXTBOOK };
-    let mut pilot = Pilot::new(&cell, law, taught, None);
-    let run =
-        simulate(&cell, "C", &mut FeatureSource::Miscalibrated(wrong), 30.0, |frame| pilot.control(frame));
+    let mut controller = SchemeController::new(&cell, law, taught, None);
+    let run = simulate(&cell, "C", &mut FeatureSource::Miscalibrated(wrong), 30.0, |frame| {
+        controller.control(frame)
+    });
     let last = away(run.rows.last().unwrap());
     assert!(run.end == TrajectoryEnd::Finished && last < 1e-6, "{:?}, {last} m", run.end);
 }

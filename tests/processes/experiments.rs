@@ -9,9 +9,9 @@ use serde_json::Value;
 use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_3};
 use std::path::Path;
 use vservo::experiment::{
-    CameraKind, Cell, DelayedLoop, Disturbance, FLIERS, Fate, FeatureSource, Findings, Metrics, Options,
-    Pilot, RenderedFeatures, SCHEMES, Scheme, Trajectory, TrajectoryEnd, errors_to_bear, find, flights,
-    path_deviation, pure_rotation, run_scheme, simulate_at, study,
+    CameraKind, Cell, DelayedLoop, Disturbance, FeatureSource, Findings, LAW_VARIANTS, Metrics, Options,
+    RenderedFeatures, SCHEMES, Scheme, SchemeController, StartOutcome, Trajectory, TrajectoryEnd,
+    errors_to_bear, find, path_deviation, pure_rotation, run_scheme, runs_of, simulate_at, study,
 };
 use vservo::servo::{DepthSource, UpdatePolicy};
 
@@ -237,8 +237,9 @@ fn statements_on_the_image_paths() {
     let hybrid = chosen(Scheme::Hybrid);
     assert!(hybrid[0] < 0.02, "P1 straight but for the arm's motion between frames: {hybrid:?}");
     let cell = Cell::textbook().unwrap();
-    let mut pilot = Pilot::textbook(&cell, Scheme::Hybrid).unwrap();
-    let fine = simulate_at(1, &cell, "hybrid", &mut FeatureSource::Ideal, 8.0, |frame| pilot.control(frame));
+    let mut controller = SchemeController::textbook(&cell, Scheme::Hybrid).unwrap();
+    let fine =
+        simulate_at(1, &cell, "hybrid", &mut FeatureSource::Ideal, 8.0, |frame| controller.control(frame));
     let path: Vec<Vector2<f64>> = fine.rows.iter().map(|row| row.s[0]).collect();
     let deviation = path_deviation(&path, &cell.goal().unwrap().s[0]);
     assert!(deviation < 1e-3, "P1 straight at 1 kHz: {deviation}");
@@ -310,7 +311,7 @@ fn predict_settles_sooner_and_tolerates_wrong_inputs() {
 #[test]
 fn random_starts_end_with_a_reason() {
     // Of sixty starts: home, out of the image, out of sight. The rest of C is on its way.
-    for (flier, home, left, lost) in [
+    for (variant, home, left, lost) in [
         ("A", 58, 2, 0),
         ("B", 44, 16, 0),
         ("C", 0, 0, 0),
@@ -324,31 +325,35 @@ fn random_starts_end_with_a_reason() {
         ("D-guarded", 60, 0, 0),
         ("hybrid-guarded", 60, 0, 0),
     ] {
-        let flier = FLIERS.iter().find(|f| f.name == flier).unwrap();
-        let flown = flights(flier, 60).unwrap();
-        let count = |fate| flown.iter().filter(|f| f.fate == fate).count() as i32;
-        let got = [Fate::Converged, Fate::LeftImage, Fate::TargetLost].map(count);
+        let variant = LAW_VARIANTS.iter().find(|f| f.name == variant).unwrap();
+        let runs = runs_of(variant, 60).unwrap();
+        let count = |outcome| runs.iter().filter(|f| f.outcome == outcome).count() as i32;
+        let got = [StartOutcome::Converged, StartOutcome::LeftImage, StartOutcome::TargetLost].map(count);
         // One may lie on the edge of an image, where the last bit of another machine decides.
         let near = got.iter().zip([home, left, lost]).all(|(got, expected)| (got - expected).abs() <= 1);
-        assert!(near, "{}: {got:?}, expected {:?}", flier.name, [home, left, lost]);
-        let mut image: Vec<f64> = flown.iter().map(|f| f.last_error_px / f.first_error_px).collect();
+        assert!(near, "{}: {got:?}, expected {:?}", variant.name, [home, left, lost]);
+        let mut image: Vec<f64> = runs.iter().map(|f| f.last_error_px / f.first_error_px).collect();
         image.sort_by(f64::total_cmp);
         let (quarter, median, worst) = (image[15], image[30], image[59]);
-        if flier.name == "C" {
+        if variant.name == "C" {
             // The transposed Jacobian is as slow as the square's image is ill-conditioned: nobody is home after 120 s, but
             // the image is on its way there from every start. What is left of its error lies in the directions that hardly
             // move; with half of the stiffness it would be 3 % more.
-            assert_eq!(count(Fate::TooSlow) + count(Fate::ImageOnly), 60, "none stands, none leaves");
+            assert_eq!(
+                count(StartOutcome::TooSlow) + count(StartOutcome::ImageOnly),
+                60,
+                "none stands, none leaves"
+            );
             assert!(worst < 0.5, "C: error left in the image {worst} at worst");
             let obtained = [quarter / 0.01083, median / 0.03745];
             assert!(obtained.iter().all(|r| (r - 1.0).abs() < 0.01), "C: error left {quarter} {median}");
         } else {
-            assert_eq!(got.iter().sum::<i32>(), 60, "{}: none diverges, none stands elsewhere", flier.name);
-            assert!(median < 0.005, "{}: error left in the image {median}", flier.name);
+            assert_eq!(got.iter().sum::<i32>(), 60, "{}: none diverges, none stands elsewhere", variant.name);
+            assert!(median < 0.005, "{}: error left in the image {median}", variant.name);
         }
         // Other shares of the work for each core: every start is its own.
-        for (a, b) in flights(flier, 7).unwrap().iter().zip(&flown) {
-            assert_eq!((a.fate, a.time_s), (b.fate, b.time_s), "the same on every run");
+        for (a, b) in runs_of(variant, 7).unwrap().iter().zip(&runs) {
+            assert_eq!((a.outcome, a.time_s), (b.outcome, b.time_s), "the same on every run");
         }
     }
 }
