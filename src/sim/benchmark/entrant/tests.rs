@@ -19,9 +19,9 @@ fn suite(believed: &str) -> BenchmarkSuite {
 }
 
 /// A link to whatever a function says.
-struct ScriptedLink<F>(F, Vec<String>);
+struct TestLink<F>(F, Vec<String>);
 
-impl<F: FnMut(&Value) -> Result<String, String>> EntrantLink for ScriptedLink<F> {
+impl<F: FnMut(&Value) -> Result<String, String>> EntrantLink for TestLink<F> {
     fn exchange(&mut self, line: &str) -> Result<String, String> {
         assert!(!line.contains('\n'), "one line");
         self.1.push(line.to_owned());
@@ -39,7 +39,7 @@ fn flown(
     truth: Option<&mut RunTruth>,
 ) -> (RunScores, Vec<String>) {
     let s = scenario(suite, suite.places()[0]).unwrap();
-    let mut link = ScriptedLink(says, Vec::new());
+    let mut link = TestLink(says, Vec::new());
     let scores = fly(suite, &s, Participant::Entrant(&mut link), &mut ConfiguredDrives, truth).unwrap();
     (scores, link.1)
 }
