@@ -19,13 +19,13 @@ pub enum CommandedMotion<const N: usize> {
 
 /// The last commanded motion, while the measurements to which it answers are fresh enough to be trusted.
 #[derive(Debug)]
-pub struct Commanded<const N: usize> {
+pub struct CommandedBehaviour<const N: usize> {
     watch: MeasurementWatch,
     mount: Mount,
     motion: Option<CommandedMotion<N>>,
 }
 
-impl<const N: usize> Commanded<N> {
+impl<const N: usize> CommandedBehaviour<N> {
     /// A behaviour that waits for its first motion, of a camera on `mount`, while `watch` trusts the measurements.
     #[must_use]
     pub fn new(watch: MeasurementWatch, mount: Mount) -> Self {
@@ -81,14 +81,14 @@ mod tests {
 
     const TWIST: [f64; 6] = [0.02, -0.01, 0.03, 0.1, 0.05, -0.2];
 
-    fn behaviour() -> (Commanded<6>, ArmModel<6>, DriveState<6>) {
+    fn behaviour() -> (CommandedBehaviour<6>, ArmModel<6>, DriveState<6>) {
         let robot = load("ur5").unwrap().build::<6>().unwrap();
         let limits = MotionLimits::of(&robot, SVector::repeat(10.0), SVector::repeat(500.0));
         let q = Vector6::new(0.4, -1.7, 1.5, -1.3, -1.8, 0.9);
         let mount = Mount::EyeInHand { X_EC: Pose::translation(0.0, 0.0, 0.05) };
         let watch = MeasurementWatch::new(SpanNs(100), 0.5);
         let state = DriveState { q, qd: Vector6::zeros(), truth: None };
-        (Commanded::new(watch, mount), ArmModel { robot, limits }, state)
+        (CommandedBehaviour::new(watch, mount), ArmModel { robot, limits }, state)
     }
 
     #[test]

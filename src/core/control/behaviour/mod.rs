@@ -6,7 +6,7 @@
 //! | [`Servoing::dry`] | the same without an arm, or with images of another arm | none; the output of the law is reported |
 //! | [`Waypoints`] | a list of postures, independent of the view | a motion from posture to posture, with rests |
 //! | [`Excitation`] | measurements that keep arriving, whatever their stamps | the excitation motion of the joints |
-//! | [`Commanded`] | motions that somebody else commands upon measurements | that motion, held until the next |
+//! | [`CommandedBehaviour`] | motions that somebody else commands upon measurements | that motion, held until the next |
 //! | [`PostureMotion`] | one posture that a client asked for | a motion there from rest, beside the behaviour of the run |
 //! | standing, braking | none | standstill, where no behaviour moves the arm |
 //!
@@ -18,7 +18,7 @@ mod posture_motion;
 mod servoing;
 mod waypoints;
 
-pub use commanded::{Commanded, CommandedMotion};
+pub use commanded::{CommandedBehaviour, CommandedMotion};
 pub use excitation::Excitation;
 pub use posture_motion::PostureMotion;
 pub use servoing::Servoing;
@@ -77,7 +77,7 @@ pub enum Behaviour<const N: usize> {
     /// The excitation motion of a latency calibration.
     Excitation(Excitation<N>),
     /// Motions that somebody else commands.
-    Commanded(Commanded<N>),
+    Commanded(CommandedBehaviour<N>),
 }
 
 impl<const N: usize> Behaviour<N> {
@@ -160,7 +160,7 @@ impl<const N: usize> Behaviour<N> {
             _ => None,
         };
         if let Some(watch) = watch {
-            *self = Self::Commanded(Commanded::new(watch, mount));
+            *self = Self::Commanded(CommandedBehaviour::new(watch, mount));
         }
         watch.is_some()
     }

@@ -19,9 +19,9 @@ fn suite(believed: &str) -> BenchmarkSuite {
 }
 
 /// A link to whatever a function says.
-struct Told<F>(F, Vec<String>);
+struct TestLink<F>(F, Vec<String>);
 
-impl<F: FnMut(&Value) -> Result<String, String>> EntrantLink for Told<F> {
+impl<F: FnMut(&Value) -> Result<String, String>> EntrantLink for TestLink<F> {
     fn exchange(&mut self, line: &str) -> Result<String, String> {
         assert!(!line.contains('\n'), "one line");
         self.1.push(line.to_owned());
@@ -39,7 +39,7 @@ fn flown(
     truth: Option<&mut RunTruth>,
 ) -> (RunScores, Vec<String>) {
     let s = scenario(suite, suite.places()[0]).unwrap();
-    let mut link = Told(says, Vec::new());
+    let mut link = TestLink(says, Vec::new());
     let scores = fly(suite, &s, Participant::Entrant(&mut link), &mut ConfiguredDrives, truth).unwrap();
     (scores, link.1)
 }
@@ -87,7 +87,7 @@ fn servo(gain_1_s: f64, as_joints: bool) -> impl FnMut(&Value) -> Result<String,
 }
 
 #[test]
-fn an_entrant_comes_home_by_twists_and_by_velocities_of_the_joints() {
+fn an_entrant_comes_home_by_twists_and_by_joint_velocities() {
     let suite = suite("");
     for as_joints in [false, true] {
         let mut truth = RunTruth::default();
