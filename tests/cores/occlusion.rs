@@ -13,9 +13,9 @@ use vservo::sim::{Moment, SystemRun, simulate_system};
 
 /// Each law, for m = 4 and m = 6.
 const EVERY_SCHEME: [&str; 8] = [
-    "scara-a.toml",
+    "textbook/scara-a.toml",
     "scara-b.toml",
-    "scara-c.toml",
+    "textbook/scara-c.toml",
     "scara-d.toml",
     "scara-hybrid.toml",
     "default.toml",
@@ -34,7 +34,11 @@ fn watch(file: &str, set: &[String]) -> Watched {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config").join(file);
     let mut set = [&["goal.hold_s=0.2".to_owned()], set].concat();
     // Slow enough that the arm is on its way while something is covered.
-    if !file.starts_with("scara-") {
+    if file.starts_with("textbook/") {
+        set.extend(
+            ["servo.update=predict", "camera.latency_ms=20", "camera.exposure_ms=4"].map(String::from),
+        );
+    } else if !file.starts_with("scara-") {
         set.push(format!("servo.gain_1_s={}", if file == "default.toml" { 2.0 } else { 1.0 }));
     }
     let config = Config::load(Some(&path), &set).unwrap_or_else(|e| panic!("{file}: {e}"));
@@ -184,7 +188,7 @@ fn grid(pitch_m: f64) -> Vec<String> {
 fn half_a_grid_is_enough() {
     for file in EVERY_SCHEME {
         let mut set = grid(0.02);
-        if file == "scara-c.toml" {
+        if file == "textbook/scara-c.toml" {
             set.push("servo.points=[1, 7, 29, 35]".into());
         }
         let whole = watch(file, &set);

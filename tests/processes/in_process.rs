@@ -49,9 +49,9 @@ fn one_process_and_three_processes_agree_to_the_last_bit() {
             ("default.toml", irregular),
             ("scara-b.toml", late),
             ("scara-hybrid.toml", late),
-            // Torque laws.
-            ("scara-a.toml", irregular),
-            ("scara-c.toml", ["camera.latency_ms=7.5", "camera.rate_hz=30"]),
+            // Torque laws, with gains that held torques bear.
+            ("textbook/scara-a.toml", irregular),
+            ("textbook/scara-c.toml", ["camera.latency_ms=7.5", "camera.rate_hz=30"]),
         ] {
             hashes.insert(agree(file, &[camera[0], camera[1], update]));
             runs += 1;

@@ -39,7 +39,7 @@ fn run<const N: usize>(config: &Config, robot: &Robot<N>, mut control: LockstepR
 
 #[test]
 fn without_measurements_the_arm_brakes_and_holds() {
-    for file in ["scara-a.toml", "scara-c.toml"] {
+    for file in ["textbook/scara-a.toml", "textbook/scara-c.toml"] {
         for update in ["frame", "tick", "predict"] {
             let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config").join(file);
             let config = Config::load(Some(&path), &[format!("servo.update={update}")]).unwrap();

@@ -7,9 +7,9 @@
 //! | `abs(m) / sqrt(p) + q sqrt(S / n)` is within the tolerance | `q^2` is the 99 % quantile of chi-square over its `2 p` degrees of freedom: the mean of the true error lies within the tolerance, too |
 //! | the means of the older and of the newer half of the measurements are within the tolerance of each other | an error that passes through the goal, or creeps away from it, has a mean there, too |
 //! | `S - N` is within twice the tolerance, squared | `N` is the noise of the measurements: what else scatters is the arm, which trembles within what [a goal that was reached](super::goal_watch) allows |
+//! | `S - D` is within the tolerance, squared, but for chance | `D` is half of the mean square of the differences of successive measurements: what changes more slowly than from one to the next is an arm that swings |
 //!
-//! `N` is the lesser of what vision states and of half the mean square of the differences of successive measurements: vision may state more where lens or target are not as described, and
-//! an arm that swings slowly makes small differences. The measurements are those of the last `t` seconds, for any `t` from twice the time of holding on, as far back as the sums reach: the
+//! `N` is the lesser of what vision states and of `D`, because vision may state more where lens or target are not as described. The measurements are those of the last `t` seconds, for any `t` from twice the time of holding on, as far back as the sums reach: the
 //! more noise, the longer. They are summed in blocks, the older half of which becomes coarser as they fill.
 
 use crate::messages::MAX_FEATURES;
@@ -25,6 +25,9 @@ const FEWEST: u32 = 10;
 const QUANTILE: f64 = 2.326;
 /// What is left of scatter without the noise may be so many times the tolerance, as a goal that was reached may be left by so much.
 const TREMBLES: f64 = super::goal_watch::LEFT_AT;
+
+/// Standard deviations by which noise may look like a swing. Derived: 2 % of the windows of mere noise exceed two.
+const SWING_SDS: f64 = 2.0;
 
 /// Sums over measurements in a row, px and px^2.
 #[derive(Debug, Clone, Copy)]
@@ -74,10 +77,14 @@ impl ErrorSums {
         let n = f64::from(self.count);
         let mean = self.errors.iter().map(Vector2::norm_squared).sum::<f64>() / (n * n * points);
         let scatter = (self.squares / (n * points) - mean).max(0.0) * n / (n - 1.0);
-        let noise = (self.stated / (n * points)).min(self.differences / (2.0 * n * points));
+        let quick = self.differences / (2.0 * n * points);
+        let noise = (self.stated / (n * points)).min(quick);
         let surely_px = mean.sqrt() + (chi_square_over_freedom(2.0 * points) * scatter / n).sqrt();
         let trembles = scatter - noise > (TREMBLES * tolerance_px).powi(2);
-        (surely_px <= tolerance_px && !trembles).then_some(scatter)
+        // Of noise the difference of the two has this standard deviation, and no mean.
+        let chance = scatter * (3.0 / (2.0 * points * n)).sqrt();
+        let swings = scatter - quick - SWING_SDS * chance > tolerance_px * tolerance_px;
+        (surely_px <= tolerance_px && !trembles && !swings).then_some(scatter)
     }
 }
 
@@ -252,10 +259,10 @@ mod tests {
     #[test]
     fn a_goal_within_noise_is_met_the_later_the_more_noise_there_is() {
         for (sd_px, from_s, until_s) in
-            [(0.001, 1.0, 1.1), (0.05, 1.0, 1.1), (0.2, 2.0, 4.5), (0.8, 25.0, 70.0)]
+            [(0.001, 1.0, 1.1), (0.05, 1.0, 1.5), (0.2, 2.0, 12.0), (0.6, 15.0, 120.0)]
         {
             for seed in 0..10 {
-                let at = met_s(seed, |_| 0.0, sd_px, sd_px, 100.0).unwrap();
+                let at = met_s(seed, |_| 0.0, sd_px, sd_px, 200.0).unwrap();
                 assert!((from_s - 0.05..until_s).contains(&at), "{sd_px} px, {seed}: {at} s");
             }
         }

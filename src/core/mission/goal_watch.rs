@@ -10,7 +10,7 @@ use crate::messages::Measurement;
 use crate::servo::View;
 use crate::time::{MonoNs, SpanNs};
 
-/// The ends of a run that has met its goal.
+/// The ends of a run that has met its goal; the confidence follows from the quantile in [`super::goal_mean`].
 const CONVERGED: Finish = Finish { outcome: Outcome::Converged, reason: "the goal was reached and held" };
 const CONVERGED_IN_MEAN: Finish = Finish {
     outcome: Outcome::Converged,
