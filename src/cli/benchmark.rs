@@ -14,7 +14,7 @@ use crate::process::ProcessError;
 use crate::rt::{tell, write_file};
 use crate::sim::benchmark::{
     BenchmarkError, BenchmarkResults, BenchmarkScenario, BenchmarkSuite, EntrantCard, LawTime, Participant,
-    RunScores, RunTruth, SHIPPED_SUITES, benchmark_page, fly, scenario,
+    RunScores, RunTruth, SHIPPED_SUITES, benchmark_page, run_scenario, scenario,
 };
 use clap::Args;
 use entrants::{EntrantProgram, enrolled};
@@ -114,7 +114,7 @@ fn measure(arguments: &BenchmarkArguments, out: &Path) -> Result<Result<u8, Benc
     let truth = out.join("truth");
     let folder = if arguments.truth { &truth } else { out };
     std::fs::create_dir_all(folder).map_err(|cause| ProcessError::Write { path: folder.into(), cause })?;
-    Ok(field.flown(threads, arguments.truth.then_some(folder)).map(|(results, times)| {
+    Ok(field.measured(threads, arguments.truth.then_some(folder)).map(|(results, times)| {
         let mut code = shown(&(results.to_text() + &words(&times)), 0);
         code = write_result(&out.join("benchmark.json"), json(&results), code);
         code = write_result(&out.join("times.json"), json(&times), code);
@@ -122,7 +122,7 @@ fn measure(arguments: &BenchmarkArguments, out: &Path) -> Result<Result<u8, Benc
     }))
 }
 
-/// What is to be flown, and who flies.
+/// What is to be run, and who takes part.
 struct StartingField {
     suite: BenchmarkSuite,
     scenarios: Vec<BenchmarkScenario>,
@@ -147,25 +147,25 @@ impl StartingField {
     }
 
     /// The results, and the times of a step of laws and entrants. What was true of each run goes to the folder `truth`.
-    fn flown(
+    fn measured(
         self,
         threads: usize,
         truth: Option<&Path>,
     ) -> Result<(BenchmarkResults, Vec<LawTime>), BenchmarkError> {
-        let flown = self.all_runs(threads, truth)?;
+        let runs = self.all_runs(threads, truth)?;
         let (participants, laws) = (self.participants(), self.suite.laws.len());
         let Self { suite, scenarios, entrants } = self;
         let cards: Vec<EntrantCard> = entrants.into_iter().map(|entrant| entrant.card).collect();
         let names = suite.laws.iter().map(|law| &law.name).chain(cards.iter().map(|card| &card.name));
         let time = |(k, name): (usize, &String)| {
             let mut all: Vec<f64> =
-                flown.iter().skip(k).step_by(participants).filter_map(|(_, ns)| *ns).collect();
+                runs.iter().skip(k).step_by(participants).filter_map(|(_, ns)| *ns).collect();
             all.sort_by(f64::total_cmp);
             let step_us = all.get(all.len() / 2).map(|ns| 1e-3 * ns);
             LawTime { law: name.clone(), step_us, round_trip: k >= laws }
         };
         let times = names.enumerate().map(time).collect();
-        let scores: Vec<RunScores> = flown.into_iter().map(|(scores, _)| scores).collect();
+        let scores: Vec<RunScores> = runs.into_iter().map(|(scores, _)| scores).collect();
         let of_scenarios: Vec<Vec<RunScores>> =
             scores.chunks(participants.max(1)).map(<[_]>::to_vec).collect();
         Ok((BenchmarkResults::new(&suite, &cards, &scenarios, &of_scenarios), times))
@@ -195,7 +195,7 @@ impl StartingField {
         let starts = self.scenarios.len();
         tell(format_args!("vservo: {runs} runs, {starts} starts under {laws}{others}, on {threads} threads"));
         let (done, tenth) = (AtomicUsize::new(0), runs.div_ceil(10).max(1));
-        let flown = on_threads(threads, &jobs, |(scenario, k)| {
+        let runs = on_threads(threads, &jobs, |(scenario, k)| {
             let result = self.one_run(scenario, *k, truth)?;
             let count = 1 + done.fetch_add(1, Ordering::Relaxed);
             if count.is_multiple_of(tenth) {
@@ -203,7 +203,7 @@ impl StartingField {
             }
             Ok(result)
         });
-        flown.into_iter().collect()
+        runs.into_iter().collect()
     }
 
     /// The run of the law or entrant number `k`.
@@ -216,15 +216,15 @@ impl StartingField {
         let suite = &self.suite;
         let mut truth = folder.map(|_| RunTruth::default());
         let (mut drives, entrant) = (TimedDrives::default(), k.checked_sub(suite.laws.len()));
-        let (name, flown) = match entrant.and_then(|number| self.entrants.get(number)) {
+        let (name, runs) = match entrant.and_then(|number| self.entrants.get(number)) {
             Some(entrant) => {
                 let mut link = entrant.start();
                 let participant = Participant::Entrant(&mut link);
-                let scores = fly(suite, scenario, participant, &mut drives, truth.as_mut())?;
+                let scores = run_scenario(suite, scenario, participant, &mut drives, truth.as_mut())?;
                 (Some(&entrant.card.name), (scores, link.median_ns()))
             }
             None => {
-                let scores = fly(suite, scenario, Participant::Law(k), &mut drives, truth.as_mut())?;
+                let scores = run_scenario(suite, scenario, Participant::Law(k), &mut drives, truth.as_mut())?;
                 (suite.laws.get(k).map(|law| &law.name), (scores, drives.median_ns()))
             }
         };
@@ -235,7 +235,7 @@ impl StartingField {
                 cause: format!("cannot be written: {e}"),
             })?;
         }
-        Ok(flown)
+        Ok(runs)
     }
 }
 

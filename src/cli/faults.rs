@@ -68,7 +68,7 @@ pub(super) fn faults(arguments: &FaultsArguments) -> Result<u8, ProcessError> {
     let jobs = jobs(&arguments.cases, &arguments.laws, &arguments.arms, u64::from(arguments.seeds));
     let threads = arguments.threads.map_or_else(cores, usize::from);
     tell(format_args!("vservo: {} runs on {threads} threads", jobs.len()));
-    let runs: Result<Vec<_>, _> = on_threads(threads, &jobs, |job| job.fly()).into_iter().collect();
+    let runs: Result<Vec<_>, _> = on_threads(threads, &jobs, |job| job.run()).into_iter().collect();
     let table = match runs {
         Ok(runs) => FaultTable::new(&jobs, runs),
         Err(error) => {

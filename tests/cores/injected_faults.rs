@@ -12,8 +12,8 @@ use vservo::sim::faults::{FAULT_CASES, FaultJob, FaultRun, jobs};
 use vservo::sim::{Moment, simulate_system};
 
 /// Flies `jobs` on two threads.
-fn flown(jobs: &[FaultJob]) -> Vec<FaultRun> {
-    let half = |jobs: &[FaultJob]| jobs.iter().map(|job| job.fly().unwrap()).collect::<Vec<_>>();
+fn runs_of(jobs: &[FaultJob]) -> Vec<FaultRun> {
+    let half = |jobs: &[FaultJob]| jobs.iter().map(|job| job.run().unwrap()).collect::<Vec<_>>();
     let (a, b) = jobs.split_at(jobs.len() / 2);
     std::thread::scope(|scope| {
         let first = scope.spawn(|| half(a));
@@ -36,7 +36,7 @@ fn is_measured(run: &FaultRun) -> bool {
 fn every_fault_ends_as_it_should_within_limits() {
     let mut all = jobs(&[], &named(&["D-mean"]), &named(&["ur5"]), 1);
     all.extend(jobs(&[], &named(&["B"]), &named(&["panda"]), 1));
-    let runs = flown(&all);
+    let runs = runs_of(&all);
     assert_eq!(runs.len(), 2 * FAULT_CASES.len());
     for (run, job) in runs.iter().zip(&all) {
         let at = || format!("{run:?}\n{}", job.command());
@@ -160,7 +160,7 @@ fn before_its_time_a_fault_changes_not_one_bit() {
 fn the_same_seed_has_the_same_run_and_another_has_another() {
     let run = |seed: u64| {
         let job = jobs(&named(&["drop"]), &named(&["D-mean"]), &named(&["ur5"]), seed).pop().unwrap();
-        job.fly().unwrap()
+        job.run().unwrap()
     };
     assert_eq!(run(1), run(1));
     assert_ne!(run(1).state_hash, run(2).state_hash);

@@ -42,7 +42,7 @@ fn starts(arm: &str, count: usize, seed: u64, set: &[&str]) -> Vec<Config> {
 }
 
 /// How many of the starts end at the goal, and how many lost the target on the way.
-fn flown(configs: &[Config]) -> (usize, usize) {
+fn runs_of(configs: &[Config]) -> (usize, usize) {
     let (mut home, mut lost) = (0, 0);
     for config in configs {
         let mut returned = false;
@@ -68,7 +68,7 @@ fn starts_in_view_come_home() {
     ] {
         let scheme = format!("servo.scheme={scheme}");
         let configs = starts(arm, 12, 20, &[&scheme]);
-        let (home, lost) = flown(&configs);
+        let (home, lost) = runs_of(&configs);
         assert_eq!(home, configs.len(), "{arm} {scheme}: {lost} lost their target");
         assert!(lost <= 1, "{arm} {scheme}: {lost} of {} lost their target", configs.len());
     }

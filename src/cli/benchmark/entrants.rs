@@ -1,6 +1,6 @@
 //! The programs that take part in a benchmark: what the command line says of them, and one process a run that answers line by line.
 //!
-//! A process lives for one run, so that nothing of a run is left in the next one, whoever flies it on which thread.
+//! A process lives for one run, so that nothing of a run is left in the next one, whoever runs it on which thread.
 
 use crate::input::printable;
 use crate::rt::now;

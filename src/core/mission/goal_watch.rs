@@ -10,8 +10,9 @@ use crate::messages::Measurement;
 use crate::servo::View;
 use crate::time::{MonoNs, SpanNs};
 
-/// The ends of a run that has met its goal; the confidence follows from the quantile in [`super::goal_mean`].
+/// The end of a run that has met its goal.
 const CONVERGED: Finish = Finish { outcome: Outcome::Converged, reason: "the goal was reached and held" };
+/// The same in the mean; the confidence follows from the quantile in [`super::goal_mean`].
 const CONVERGED_IN_MEAN: Finish = Finish {
     outcome: Outcome::Converged,
     reason: "the goal was reached and held in the mean: single measurements scatter beyond goal.feature_error_px, their mean is within it with 99 % \

@@ -58,8 +58,7 @@ use goal_watch::GoalWatch;
 use nalgebra::SVector;
 use requests::MissionChange;
 use residual::{AMBIGUOUS_VIEW, NO_NEARER, ResidualWatch, is_another_pose, why_it_stays};
-use run_end::RunEnd;
-use run_end::{HELD_OFF, LATELY};
+use run_end::{HELD_OFF, LAST_FRAME, LATELY, MOTION_OVER, NO_MORE_FRAMES, RunEnd};
 use std::collections::VecDeque;
 use teaching::GoalTeacher;
 use truth::Truth;
@@ -74,17 +73,6 @@ const SWINGS_FROM: f64 = 1.5;
 const MET_SHARE: f64 = 0.1;
 /// Orders that can wait: a tour of 14 postures and the orders beside it, so that the queue never grows during a run.
 const ORDERS: usize = 32;
-/// The end of an open loop whose frames are over.
-const LAST_FRAME: Finish = Finish { outcome: Outcome::Finished, reason: "the last frame was used" };
-/// The end of a closed loop whose camera has no more frames.
-const NO_MORE_FRAMES: Finish = Finish {
-    outcome: Outcome::NotConverged,
-    reason: "the camera said that its last frame has come, before the goal was reached",
-};
-/// The end of a run whose arm was recorded.
-const MOTION_OVER: Finish =
-    Finish { outcome: Outcome::Finished, reason: "the recorded motion of the arm is over" };
-
 /// The mission of one run.
 pub struct Mission<const N: usize> {
     plan: RunPlan,

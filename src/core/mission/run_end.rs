@@ -42,6 +42,18 @@ pub(crate) fn time_is_up(
     Finish { outcome: Outcome::NotConverged, reason }
 }
 
+/// The end of an open loop whose frames are over.
+pub(super) const LAST_FRAME: Finish =
+    Finish { outcome: Outcome::Finished, reason: "the last frame was used" };
+/// The end of a closed loop whose camera has no more frames.
+pub(super) const NO_MORE_FRAMES: Finish = Finish {
+    outcome: Outcome::NotConverged,
+    reason: "the camera said that its last frame has come, before the goal was reached",
+};
+/// The end of a run whose arm was recorded.
+pub(super) const MOTION_OVER: Finish =
+    Finish { outcome: Outcome::Finished, reason: "the recorded motion of the arm is over" };
+
 /// The reason of a run that a limit in space keeps from its goal.
 pub(crate) const HELD_OFF: &str = "run.duration_s is over: a limit of [workspace] keeps the arm off its goal; the summary names it (safety.held_by)";
 /// A limit in space that acted within this time before the end is its reason. Chosen by hand: the arm stands before it for as long as the run lasts, and noise of the view

@@ -1,4 +1,4 @@
-//! Programs that take part: the messages between the benchmark and an entrant, JSON objects of one line each, and who flies the arm by its answers.
+//! Programs that take part: the messages between the benchmark and an entrant, JSON objects of one line each, and who commands the arm by its answers.
 //!
 //! ```text
 //! begin: the task as the cell believes it  ──►  entrant  ──►  {"about": .., "settings": {..}, "frames": false}
@@ -256,14 +256,14 @@ fn answer(line: &str, joints: usize) -> Result<WantedMotion, String> {
 }
 
 /// Flies a run by an entrant's answers. What goes wrong with it ends the run, and is kept.
-pub(super) struct EntrantPilot<'a> {
+pub(super) struct EntrantCommander<'a> {
     link: &'a mut dyn EntrantLink,
     frames: bool,
     failure: Option<String>,
 }
 
-impl<'a> EntrantPilot<'a> {
-    /// A pilot who has been told the task of `config`.
+impl<'a> EntrantCommander<'a> {
+    /// A commander that has been told the task of `config`.
     pub(super) fn new(
         link: &'a mut dyn EntrantLink,
         config: &Config,
@@ -287,7 +287,7 @@ impl<'a> EntrantPilot<'a> {
     }
 }
 
-impl Commander for EntrantPilot<'_> {
+impl Commander for EntrantCommander<'_> {
     fn wants_frames(&self) -> bool {
         self.frames
     }

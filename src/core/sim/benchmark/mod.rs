@@ -20,7 +20,7 @@ pub use draw::{BenchmarkScenario, scenario};
 pub use entrant::{ENTRANT_PROTOCOL, EntrantCard, EntrantLink, begin_message};
 pub use page::{LawTime, benchmark_page};
 pub use results::{BenchmarkResults, LawResult, LawSummary, TaskResult};
-pub use score::{Participant, RunScores, fly};
+pub use score::{Participant, RunScores, run_scenario};
 pub use suite::{
     BenchmarkLaw, BenchmarkPlace, BenchmarkScore, BenchmarkSuite, BenchmarkTask, BenchmarkValue,
     BenchmarkValues, SHIPPED_SUITES, checked_names,

@@ -11,7 +11,7 @@
 //! | final error | root mean square of e, and of the camera's pose, over the last 0.2 s |
 //! | energy | integral of sum_j abs(tau_j qd_j) dt over the run, J |
 
-use super::entrant::EntrantPilot;
+use super::entrant::EntrantCommander;
 use super::suite::settings;
 use super::{BenchmarkError, BenchmarkScenario, BenchmarkSuite, BenchmarkTask, EntrantLink, RunTruth};
 use crate::config::{Config, ConfigError, Scene};
@@ -79,7 +79,7 @@ pub enum Participant<'a> {
 ///
 /// # Errors
 /// [`BenchmarkError`] where the run file does not take the law, or cannot be simulated.
-pub fn fly(
+pub fn run_scenario(
     suite: &BenchmarkSuite,
     scenario: &BenchmarkScenario,
     participant: Participant<'_>,
@@ -95,10 +95,10 @@ pub fn fly(
     let Some(scene) = &config.scene else {
         return Err(BenchmarkError::task(task, "needs a simulated scene"));
     };
-    let mut pilot = match participant {
+    let mut commander = match participant {
         Participant::Law(_) => None,
         Participant::Entrant(link) => {
-            Some(EntrantPilot::new(link, &config, task).map_err(|e| BenchmarkError::task(task, e))?)
+            Some(EntrantCommander::new(link, &config, task).map_err(|e| BenchmarkError::task(task, e))?)
         }
     };
     let run = crate::dispatch_robot!(scene.arm, |robot| {
@@ -108,15 +108,15 @@ pub fn fly(
         let mut judge = Judgement::new(task, scene, robot, scenario.X_DO);
         judge.table = truth;
         let watch = &mut |moment: &Moment<'_>| judge.watch(moment);
-        let run = match &mut pilot {
+        let run = match &mut commander {
             None => simulate_system_with(&config, drives, watch),
-            Some(pilot) => simulate_commanded(&config, drives, pilot, watch),
+            Some(commander) => simulate_commanded(&config, drives, commander, watch),
         };
         run.map(|run| judge.scores(&run, scenario.least_time_s))
     });
     let failed = |cause: SimError| BenchmarkError::Run { task: task.name.clone(), cause: cause.into() };
     let mut scores = run.map_err(|e| failed(e.into()))?.map_err(failed)?;
-    if let Some(why) = pilot.and_then(EntrantPilot::end) {
+    if let Some(why) = commander.and_then(EntrantCommander::end) {
         scores.end = format!("the entrant {why}");
     }
     Ok(scores)

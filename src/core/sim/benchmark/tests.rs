@@ -21,11 +21,11 @@ fn suite(task: &str) -> Result<BenchmarkSuite, BenchmarkError> {
 const ROLLS: &str = "file = \"ur5\"\ncount = 2\nstart = { roll_deg = { each = [30, 90] }, aside_m = { from = 0.0, to = 0.1 } }";
 
 /// All results of a suite.
-fn flown(suite: &BenchmarkSuite) -> BenchmarkResults {
+fn runs(suite: &BenchmarkSuite) -> BenchmarkResults {
     let scenarios: Vec<_> = suite.places().into_iter().map(|place| scenario(suite, place).unwrap()).collect();
     let of = |s: &BenchmarkScenario| -> Vec<RunScores> {
         (0..suite.laws.len())
-            .map(|law| fly(suite, s, Participant::Law(law), &mut ConfiguredDrives, None).unwrap())
+            .map(|law| run_scenario(suite, s, Participant::Law(law), &mut ConfiguredDrives, None).unwrap())
             .collect()
     };
     let runs: Vec<_> = scenarios.iter().map(of).collect();
@@ -79,7 +79,7 @@ fn scores_are_those_of_the_trace() {
     let suite = suite(ROLLS).unwrap();
     for (place, law) in suite.places().into_iter().zip([0, 1, 1, 0]) {
         let s = scenario(&suite, place).unwrap();
-        let scores = fly(&suite, &s, Participant::Law(law), &mut ConfiguredDrives, None).unwrap();
+        let scores = run_scenario(&suite, &s, Participant::Law(law), &mut ConfiguredDrives, None).unwrap();
         let config = suite.run_file(&s, Some(law)).unwrap();
         let robot = config.robot.build::<6>().unwrap();
         let goal = *config.set_point.X_DO().unwrap();
@@ -147,7 +147,7 @@ fn scores_are_those_of_the_trace() {
 fn nothing_settles_before_the_least_time() {
     let xarm = "file = \"xarm7\"\ncount = 3\nstart = { roll_deg = { from = -40.0, to = 40.0 }, aside_m = { from = 0.02, to = 0.08 }, ahead_m = 0.1 }";
     for task in [ROLLS, xarm] {
-        for task in &flown(&suite(task).unwrap()).tasks {
+        for task in &runs(&suite(task).unwrap()).tasks {
             for law in &task.laws {
                 for (run, s) in law.runs.iter().zip(&task.scenarios) {
                     let (settling, least) = (run.settling_s.unwrap(), s.least_time_s.unwrap());
@@ -249,7 +249,7 @@ fn absurd_suites_are_refused_in_words() {
 #[test]
 fn who_brings_more_starts_home_is_better() {
     let results =
-        flown(&suite("file = \"ur5\"\ncount = 1\nstart = { roll_deg = { each = [10, 20] } }").unwrap());
+        runs(&suite("file = \"ur5\"\ncount = 1\nstart = { roll_deg = { each = [10, 20] } }").unwrap());
     let (task, text) = (&results.tasks[0], results.to_text());
     assert_eq!((results.runs(), task.laws[0].summary.converged), (4, 2));
     assert!(

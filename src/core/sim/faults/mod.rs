@@ -36,7 +36,7 @@ const AT_THE_GOAL_PX: f64 = 1.0;
 /// Speed of the true arm up to which it rests, rad/s or m/s. Chosen by hand: twice the speed of `control/safety/rest.rs`, for what was measured may be old.
 const REST: f64 = 0.04;
 
-/// Why a run of a campaign cannot be flown.
+/// Why a run of a campaign cannot be made.
 #[derive(Debug, Error)]
 pub enum CampaignError {
     /// Its run file is refused.
@@ -57,7 +57,7 @@ pub enum CampaignError {
     },
 }
 
-/// One run to be flown.
+/// One run to be made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FaultJob {
     /// What is put wrong.
@@ -153,7 +153,7 @@ impl FaultJob {
     ///
     /// # Errors
     /// [`CampaignError`].
-    pub fn fly(&self) -> Result<FaultRun, CampaignError> {
+    pub fn run(&self) -> Result<FaultRun, CampaignError> {
         let what = || format!("{} under {} on {}", self.case.name, self.law.0, self.arm);
         let mut set = self.settings();
         set.push("run.clock=lockstep".into());

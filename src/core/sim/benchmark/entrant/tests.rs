@@ -1,7 +1,7 @@
 use super::*;
 use crate::linalg::Random;
 use crate::servo::{Interaction, SetPoint, View, image_task};
-use crate::sim::benchmark::{BenchmarkSuite, Participant, RunScores, RunTruth, fly, scenario};
+use crate::sim::benchmark::{BenchmarkSuite, Participant, RunScores, RunTruth, run_scenario, scenario};
 use crate::sim::system::ConfiguredDrives;
 use nalgebra::{Point3, Vector2};
 use std::path::Path;
@@ -33,14 +33,15 @@ impl<F: FnMut(&Value) -> Result<String, String>> EntrantLink for TestLink<F> {
     }
 }
 
-fn flown(
+fn runs(
     suite: &BenchmarkSuite,
     says: impl FnMut(&Value) -> Result<String, String>,
     truth: Option<&mut RunTruth>,
 ) -> (RunScores, Vec<String>) {
     let s = scenario(suite, suite.places()[0]).unwrap();
     let mut link = TestLink(says, Vec::new());
-    let scores = fly(suite, &s, Participant::Entrant(&mut link), &mut ConfiguredDrives, truth).unwrap();
+    let scores =
+        run_scenario(suite, &s, Participant::Entrant(&mut link), &mut ConfiguredDrives, truth).unwrap();
     (scores, link.1)
 }
 
@@ -91,7 +92,7 @@ fn an_entrant_comes_home_by_twists_and_by_joint_velocities() {
     let suite = suite("");
     for as_joints in [false, true] {
         let mut truth = RunTruth::default();
-        let (scores, lines) = flown(&suite, servo(2.0, as_joints), Some(&mut truth));
+        let (scores, lines) = runs(&suite, servo(2.0, as_joints), Some(&mut truth));
         assert!(scores.converged && scores.end == "at the goal", "{scores:?}");
         assert!(scores.settling_by_least.is_some_and(|times| times > 0.9), "{scores:?}");
         assert_eq!(lines.last().map(String::as_str), Some(END));
@@ -100,7 +101,7 @@ fn an_entrant_comes_home_by_twists_and_by_joint_velocities() {
         assert!((lines.len() as f64 - 2.0 - frames).abs() < 3.0, "{} {frames}", lines.len());
         let rows = truth.to_csv().lines().count() as f64 - 2.0;
         assert!((rows - scores.duration_s * 1e3).abs() < 1.5, "{rows}");
-        let (again, _) = flown(&suite, servo(2.0, as_joints), None);
+        let (again, _) = runs(&suite, servo(2.0, as_joints), None);
         assert_eq!(again, scores, "the same answers, the same run");
     }
 }
@@ -118,7 +119,7 @@ fn an_entrant_is_told_what_is_believed() {
         }
         Ok("null".into())
     };
-    let (scores, _) = flown(&suite, see, None);
+    let (scores, _) = runs(&suite, see, None);
     assert!(!scores.converged && scores.end == "not there in time", "{scores:?}");
     assert!((scores.final_error_px - scores.first_error_px).abs() < 0.5, "the arm rests: {scores:?}");
     let s = scenario(&suite, suite.places()[0]).unwrap();
@@ -156,11 +157,11 @@ fn what_is_no_answer_ends_the_run_and_is_told() {
             answers += 1;
             Ok(if is_begin(message) { READY } else { says }.into())
         };
-        let (scores, _) = flown(&suite, see, None);
+        let (scores, _) = runs(&suite, see, None);
         assert!(!scores.converged && scores.end.contains(words), "{says}: {}", scores.end);
         assert_eq!(answers, 2, "nobody is asked again");
     }
-    let (scores, lines) = flown(&suite, |_| Err("ended".into()), None);
+    let (scores, lines) = runs(&suite, |_| Err("ended".into()), None);
     assert!(!scores.converged && scores.end == "the entrant ended" && lines.len() == 1, "{scores:?}");
     assert!(scores.first_error_px > 10.0 && scores.margin_px.is_finite(), "{scores:?}");
 }
@@ -201,7 +202,7 @@ fn frames_are_those_that_were_measured() {
         let twist: [f64; 6] = std::array::from_fn(|_| random.between(-0.05, 0.05));
         Ok(if looked < 20 { json!({ "twist": twist }).to_string() } else { "enough".into() })
     };
-    flown(&suite, see, None);
+    runs(&suite, see, None);
     assert_eq!(looked, 20);
 }
 
