@@ -59,7 +59,11 @@ pub(super) fn enrolled(
         })?;
         let card = process.exchange(&begin).and_then(|line| EntrantCard::parse(&line));
         let mut card = card.map_err(|why| {
-            wrong(format!("entrant `{}` {}; docs/benchmark.md has the protocol", printable(command), printable(&why)))
+            wrong(format!(
+                "entrant `{}` {}; docs/benchmark.md has the protocol",
+                printable(command),
+                printable(&why)
+            ))
         })?;
         drop(process);
         card.name = match (name, card.name.as_str()) {
