@@ -55,11 +55,15 @@ pub(super) fn enrolled(
         let task = suite.task_of(first)?;
         let begin = begin_message(&suite.run_file(first, None)?, task).map_err(wrong)?;
         let mut process = EntrantProcess::start(command, timeout).map_err(|e| {
-            wrong(format!("`{command}` cannot be started: {e}; give a command of the shell, as in --entrant 'mine=python3 mine.py'"))
+            wrong(format!("entrant `{command}` cannot be started: {e}; give a command of the shell, as in --entrant 'mine=python3 mine.py'"))
         })?;
         let card = process.exchange(&begin).and_then(|line| EntrantCard::parse(&line));
         let mut card = card.map_err(|why| {
-            wrong(format!("`{}` {}; docs/benchmark.md has the protocol", printable(command), printable(&why)))
+            wrong(format!(
+                "entrant `{}` {}; docs/benchmark.md has the protocol",
+                printable(command),
+                printable(&why)
+            ))
         })?;
         drop(process);
         card.name = match (name, card.name.as_str()) {

@@ -42,7 +42,7 @@ pub enum BenchmarkError {
         cause: String,
     },
     /// An entrant cannot take part.
-    #[error("entrant {cause}")]
+    #[error("{cause}")]
     Entrant {
         /// Which and why, and how to mend it.
         cause: String,
