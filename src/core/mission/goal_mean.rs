@@ -7,7 +7,7 @@
 //! | `abs(m) / sqrt(p) + q sqrt(S / n)` is within the tolerance | `q^2` is the 99 % quantile of chi-square over its `2 p` degrees of freedom: the mean of the true error lies within the tolerance, too |
 //! | the means of the older and of the newer half of the measurements are within the tolerance of each other | an error that passes through the goal, or creeps away from it, has a mean there, too |
 //! | `S - N` is within twice the tolerance, squared | `N` is the noise of the measurements: what else scatters is the arm, which trembles within what [a goal that was reached](super::goal_watch) allows |
-//! | `S - D` is within the tolerance, squared | `D` is half of the mean square of the differences of successive measurements: what changes more slowly than from one to the next is an arm that swings |
+//! | `S - D` is within the tolerance, squared, but for chance | `D` is half of the mean square of the differences of successive measurements: what changes more slowly than from one to the next is an arm that swings |
 //!
 //! `N` is the lesser of what vision states and of `D`, because vision may state more where lens or target are not as described. The measurements are those of the last `t` seconds, for any `t` from twice the time of holding on, as far back as the sums reach: the
 //! more noise, the longer. They are summed in blocks, the older half of which becomes coarser as they fill.
@@ -25,6 +25,9 @@ const FEWEST: u32 = 10;
 const QUANTILE: f64 = 2.326;
 /// What is left of scatter without the noise may be so many times the tolerance, as a goal that was reached may be left by so much.
 const TREMBLES: f64 = super::goal_watch::LEFT_AT;
+
+/// Standard deviations by which noise may look like a swing. Derived: 2 % of the windows of mere noise exceed two.
+const SWING_SDS: f64 = 2.0;
 
 /// Sums over measurements in a row, px and px^2.
 #[derive(Debug, Clone, Copy)]
@@ -78,7 +81,9 @@ impl ErrorSums {
         let noise = (self.stated / (n * points)).min(quick);
         let surely_px = mean.sqrt() + (chi_square_over_freedom(2.0 * points) * scatter / n).sqrt();
         let trembles = scatter - noise > (TREMBLES * tolerance_px).powi(2);
-        let swings = scatter - quick > tolerance_px * tolerance_px;
+        // Of noise the difference of the two has this standard deviation, and no mean.
+        let chance = scatter * (3.0 / (2.0 * points * n)).sqrt();
+        let swings = scatter - quick - SWING_SDS * chance > tolerance_px * tolerance_px;
         (surely_px <= tolerance_px && !trembles && !swings).then_some(scatter)
     }
 }
