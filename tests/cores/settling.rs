@@ -95,7 +95,6 @@ fn gains_that_were_chosen_for_one_start_do_for_others() {
         ("scara-a", &[0.15, 0.15, 0.2, 0.5][..], 1.5),
         ("scara-c", &[0.15, 0.15, 0.2, 0.5], 2.3),
         ("pan_tilt", &[0.04, 0.04], 1.6),
-        ("xarm7", &[0.1; 7], 1.8),
     ] {
         let (mut random, mut ratios) = (Random::new(77), Vec::new());
         let q_given = config(file, &[]).unwrap().start.q;
