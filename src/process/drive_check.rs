@@ -163,7 +163,7 @@ fn one_trial(
         program,
         answer_timeout: external.answer_timeout,
         torques,
-        contents: config.drive.torque_contains.flags(),
+        contents: config.drive.torque_contains,
         log,
     };
     let result = session.go(config, moves).and_then(|()| session.say_last());

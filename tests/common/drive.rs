@@ -168,7 +168,12 @@ impl TestDrive {
 
     /// What this robot adds to commanded torques that do not contain it.
     fn own_torques(&mut self, c: &DriveCommandMsg) -> SVector<f64, N> {
-        let (state, mut own) = (self.drive.read(c.stamp), SVector::zeros());
+        let mut own = SVector::zeros();
+        let whole = drive_flag::GRAVITY | drive_flag::FRICTION;
+        if c.mode != CommandMode::Torque as u32 || c.flags & whole == whole {
+            return own;
+        }
+        let state = self.drive.read(c.stamp);
         if c.flags & drive_flag::GRAVITY == 0 {
             own += self.robot_model.gravity(&state.q);
         }

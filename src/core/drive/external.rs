@@ -89,7 +89,7 @@ impl<const N: usize> ExternalDrive<N> {
             stamp: self.now,
             joints: N as u32,
             mode: self.mode as u32,
-            flags: flags | self.contents.flags(),
+            flags: flags | self.contents.flags(self.mode),
             arm: 0,
             q_r: padded(&command.q_r),
             qd_r: padded(&command.qd_r),

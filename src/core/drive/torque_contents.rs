@@ -1,5 +1,6 @@
 //! What commanded torques contain, and what a robot adds to them by itself.
 
+use super::CommandMode;
 use crate::messages::drive_flag;
 
 /// Which of the torques that an arm needs are commanded; a robot adds the others by itself.
@@ -15,9 +16,12 @@ impl TorqueContents {
     /// All that the arm needs.
     pub const WHOLE: Self = Self { gravity: true, friction: true };
 
-    /// Their bits of [`drive_flag`].
+    /// Their bits of [`drive_flag`] in commands of this mode; commands without torques have none.
     #[must_use]
-    pub fn flags(self) -> u32 {
+    pub fn flags(self, mode: CommandMode) -> u32 {
+        if mode != CommandMode::Torque {
+            return 0;
+        }
         let gravity = if self.gravity { drive_flag::GRAVITY } else { 0 };
         gravity | if self.friction { drive_flag::FRICTION } else { 0 }
     }

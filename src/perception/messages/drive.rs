@@ -102,9 +102,9 @@ pub mod drive_flag {
     /// Command: somebody has asked for a reset while the robot reported a [`RobotState`](super::RobotState) that can be cleared. The drive clears the robot's
     /// error, holds the arm until that is done, and then reports `Ready`. Without this bit it clears nothing.
     pub const CLEAR: u32 = 32;
-    /// Command: `tau` holds the arm's weight. Without this bit the robot is to add what does (`drive.torque_contains`).
+    /// Command in mode torque: `tau` holds the arm's weight. Without this bit the robot is to add what does (`drive.torque_contains`).
     pub const GRAVITY: u32 = 64;
-    /// Command: `tau` makes up for the friction of the joints. Without this bit the robot is to do so (`drive.torque_contains`).
+    /// Command in mode torque: `tau` makes up for the friction of the joints. Without this bit the robot is to do so (`drive.torque_contains`).
     pub const FRICTION: u32 = 128;
 }
 

@@ -128,7 +128,7 @@ impl DrivePorts<'_> {
         let mut start = DriveCommandMsg {
             joints: config.start.q.len() as u32,
             mode: config.drive.mode as u32,
-            flags: drive_flag::START | config.drive.torque_contains.flags(),
+            flags: drive_flag::START | config.drive.torque_contains.flags(config.drive.mode),
             ..DriveCommandMsg::default()
         };
         if config.clock == Clock::Lockstep {

@@ -2,11 +2,11 @@
 
 use super::HoldingTorques;
 use crate::config::Config;
-use crate::drive::CommandMode;
 use crate::drive::check::{
     DriveLog, DriveTrial, ENDS_WITHIN, LoggedPhase, PhaseKind, ProgramExit, ReceivedState, SentCommand,
     TrialPlan, departs,
 };
+use crate::drive::{CommandMode, TorqueContents};
 use crate::ipc::{DrivePresence, Instance, Receiver, Sender, WakeListener};
 use crate::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, drive_flag};
 use crate::process::drive_guard::GRACE_OF_DRIVE;
@@ -43,8 +43,8 @@ pub(super) struct TrialSession<'a> {
     /// Longest wait for an answer in lockstep.
     pub(super) answer_timeout: SpanNs,
     pub(super) torques: HoldingTorques,
-    /// What they contain, as bits of the commands.
-    pub(super) contents: u32,
+    /// What they contain.
+    pub(super) contents: TorqueContents,
     pub(super) log: DriveLog,
 }
 
@@ -258,7 +258,7 @@ impl TrialSession<'_> {
     fn message(&self, tick: u64, flags: u32) -> DriveCommandMsg {
         let stamp = if self.log.arm.lockstep { MonoNs::ZERO } else { now() };
         let (joints, mode) = (self.log.arm.joints.len() as u32, self.log.mode as u32);
-        let flags = flags | self.contents;
+        let flags = flags | self.contents.flags(self.log.mode);
         DriveCommandMsg { tick, stamp, joints, mode, flags, ..DriveCommandMsg::default() }
     }
 
