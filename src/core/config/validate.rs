@@ -3,6 +3,7 @@
 mod camera;
 mod drive;
 mod faults;
+mod held_torque;
 mod lens;
 mod motion;
 mod names;
@@ -222,6 +223,10 @@ pub(super) fn validate(
         timing(&raw, camera, check);
         if let Some((servo, _)) = &servo {
             doubtful_held_gain(servo, &raw.servo, camera, check);
+            if let (Some(robot), true) = (&robot, arm_is_good) {
+                let arm = (robot, raw.robot.q_start_rad_or_m.as_slice());
+                held_torque::doubtful_held_damping(servo, arm, camera, check);
+            }
         }
     }
 
