@@ -233,31 +233,23 @@ pub fn start(camera: &CameraModel, n: usize) -> Pose {
 
 /// One run from a start to its outcome.
 #[must_use]
-pub fn run_from(
-    camera: &CameraModel,
-    variant: &LawVariant,
-    set_point: &SetPoint,
-    X_CO_start: &Pose,
-) -> ConvergenceRun {
-    let error_px = |X_CO: &Pose| set_point.error_rms_px_at(X_CO, &Vector2::repeat(camera.intrinsics().fx_px));
+pub fn run_from(from: &Pose, camera: &CameraModel, variant: &LawVariant, goal: &SetPoint) -> ConvergenceRun {
+    let error_px = |X_CO: &Pose| goal.error_rms_px_at(X_CO, &Vector2::repeat(camera.intrinsics().fx_px));
     let mut free = FreeCameraLoop {
         camera,
-        set_point,
+        set_point: goal,
         locates: variant.scheme.is_position_based() || variant.depth == DepthSource::Estimated,
         guard: variant.guarded.then(|| guard(camera)),
         law: law(variant),
-        X_CO: *X_CO_start,
+        X_CO: *from,
         V: Twist::zeros(),
         estimate: None,
     };
     let (outcome, time_s) = run(&frame_every(1), &mut free);
     let last_error_px = error_px(&free.X_CO);
-    let outcome = if outcome == StartOutcome::TooSlow && last_error_px <= NEAR_PX {
-        StartOutcome::ImageOnly
-    } else {
-        outcome
-    };
-    ConvergenceRun { outcome, time_s, first_error_px: error_px(X_CO_start), last_error_px }
+    let image_only = outcome == StartOutcome::TooSlow && last_error_px <= NEAR_PX;
+    let outcome = if image_only { StartOutcome::ImageOnly } else { outcome };
+    ConvergenceRun { outcome, time_s, first_error_px: error_px(from), last_error_px }
 }
 
 /// A run; its ticks are frames. It ends with its outcome and time, s.
@@ -376,13 +368,13 @@ pub fn runs_of(variant: &LawVariant, count: usize) -> Result<Vec<ConvergenceRun>
     let goal = set_point(&goal(), Selection::all_points(POINTS.len()))?;
     let workers = std::thread::available_parallelism().map_or(1, usize::from).min(count.max(1));
     let worker = |cause: String| ExperimentError::Worker { cause };
-    let not_flown = ConvergenceRun {
+    let not_run = ConvergenceRun {
         outcome: StartOutcome::TooSlow,
         time_s: f64::NAN,
         first_error_px: f64::NAN,
         last_error_px: f64::NAN,
     };
-    let mut all = vec![not_flown; count];
+    let mut all = vec![not_run; count];
     let share = count.div_ceil(workers).max(1);
     std::thread::scope(|scope| {
         let mut handles = Vec::new();
@@ -390,7 +382,7 @@ pub fn runs_of(variant: &LawVariant, count: usize) -> Result<Vec<ConvergenceRun>
             let (camera, goal) = (&camera, &goal);
             let work = move || {
                 for (k, slot) in part.iter_mut().enumerate() {
-                    *slot = run_from(camera, variant, goal, &start(camera, i * share + k));
+                    *slot = run_from(&start(camera, i * share + k), camera, variant, goal);
                 }
             };
             let name = format!("convergence-{i}");

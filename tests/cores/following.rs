@@ -38,7 +38,7 @@ fn error_behind(file: &str, m: [f64; 3], hz: f64, seed: u64) -> f64 {
 
 /// Half of what a constant velocity between measurements left, px: measured with the version before.
 #[test]
-fn errors_behind_a_pendulum_are_half_of_what_a_constant_velocity_leaves() {
+fn errors_behind_a_pendulum_are_half_of_what_velocity_leaves() {
     for (file, m, hz, before_px) in [
         ("ur5", [0.0, 0.1, 0.0], 0.5, 9.1),
         ("ur5", [0.0, 0.05, 0.0], 0.5, 4.2),

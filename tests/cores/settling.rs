@@ -71,7 +71,7 @@ fn settling_by_least_time(file: &str, config: &Config) -> f64 {
 }
 
 #[test]
-fn every_shipped_run_file_settles_within_a_share_of_the_least_time() {
+fn every_shipped_run_file_settles_near_its_least_time() {
     let known = SIMULATED.iter().chain(&OUTSIDE).map(|name| (*name).to_owned());
     let shipped = vservo::config::SHIPPED_FILES.iter().filter(|file| !file.name.contains('/'));
     let unknown: Vec<_> =

@@ -6,7 +6,7 @@
 //! | --- | --- |
 //! | `abs(m) / sqrt(p) + q sqrt(S / n)` is within the tolerance | `q^2` is the 99 % quantile of chi-square over its `2 p` degrees of freedom: the mean of the true error lies within the tolerance, too |
 //! | the means of the older and of the newer half of the measurements are within the tolerance of each other | an error that passes through the goal, or creeps away from it, has a mean there, too |
-//! | `S - N` is within twice the tolerance, squared | `N` is the noise of the measurements: what else scatters is the arm, which trembles within what [a goal that was reached](super::goal_watch) allows |
+//! | `S - N` is within twice the tolerance, squared | `N` is the noise of the measurements: what else scatters is the arm, which trembles within what a goal that was reached allows |
 //! | `S - D` is within the tolerance, squared, but for chance | `D` is half of the mean square of the differences of successive measurements: what changes more slowly than from one to the next is an arm that swings |
 //!
 //! `N` is the lesser of what vision states and of `D`, because vision may state more where lens or target are not as described. The measurements are those of the last `t` seconds, for any `t` from twice the time of holding on, as far back as the sums reach: the
@@ -23,8 +23,9 @@ const BLOCKS: usize = 32;
 const FEWEST: u32 = 10;
 /// Standard normal quantile of the confidence, 99 %.
 const QUANTILE: f64 = 2.326;
-/// What is left of scatter without the noise may be so many times the tolerance, as a goal that was reached may be left by so much.
-const TREMBLES: f64 = super::goal_watch::LEFT_AT;
+/// A goal that was reached counts as left when the error exceeds its tolerance so many times, and what is left of scatter without the noise may be as much. Chosen by hand: with 1, an error that
+/// noise keeps about the tolerance would be reported at every measurement; with more, an arm that was pushed away would be reported late.
+pub(super) const LEFT_AT: f64 = 2.0;
 
 /// Standard deviations by which noise may look like a swing. Derived: 2 % of the windows of mere noise exceed two.
 const SWING_SDS: f64 = 2.0;
@@ -80,7 +81,7 @@ impl ErrorSums {
         let quick = self.differences / (2.0 * n * points);
         let noise = (self.stated / (n * points)).min(quick);
         let surely_px = mean.sqrt() + (chi_square_over_freedom(2.0 * points) * scatter / n).sqrt();
-        let trembles = scatter - noise > (TREMBLES * tolerance_px).powi(2);
+        let trembles = scatter - noise > (LEFT_AT * tolerance_px).powi(2);
         // Of noise the difference of the two has this standard deviation, and no mean.
         let chance = scatter * (3.0 / (2.0 * points * n)).sqrt();
         let swings = scatter - quick - SWING_SDS * chance > tolerance_px * tolerance_px;

@@ -2,7 +2,7 @@
 //!
 //! It is met by every measurement for a time, or, where measurements scatter beyond it, in the [mean](super::goal_mean).
 
-use super::goal_mean::{GoalMean, MetInMean};
+use super::goal_mean::{GoalMean, LEFT_AT, MetInMean};
 use super::{Goal, Mission};
 use crate::control::outcome::{Finish, Outcome};
 use crate::control::trace::Event;
@@ -19,10 +19,7 @@ const CONVERGED_IN_MEAN: Finish = Finish {
              confidence",
 };
 
-/// A goal that was reached counts as left when the error exceeds its tolerance so many times. Chosen by hand: with 1, an error that noise keeps about
-/// the tolerance would be reported at every measurement; with more, an arm that was pushed away would be reported late.
-pub(super) const LEFT_AT: f64 = 2.0;
-/// The same where errors scatter, in standard deviations of the scatter beside it. Derived: of a single point, whose squared error over its scatter is chi-square of two degrees of freedom over
+/// A goal counts as left by [`LEFT_AT`], and where errors scatter by so many standard deviations of the scatter beside it. Derived: of a single point, whose squared error over its scatter is chi-square of two degrees of freedom over
 /// two, one in 8000 exceeds it, and of more points fewer.
 const SCATTERS: f64 = 3.0;
 
