@@ -1,6 +1,6 @@
 //! Kernels that are written once, as plain loops, and compiled for what the processor offers.
 //!
-//! [`kernel!`] turns a loop `body` (`#[inline(always)]`, safe code that the compiler vectorises) into a function that chooses at run
+//! `kernel!` turns a loop `body` (`#[inline(always)]`, safe code that the compiler vectorises) into a function that chooses at run
 //! time: AVX2 where the processor has it, else what every processor of the architecture has (SSE2 on x86-64). All compute the
 //! same: whole numbers, or single IEEE operations in the order in which they are written.
 

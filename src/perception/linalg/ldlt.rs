@@ -23,7 +23,7 @@ pub struct Ldlt<const N: usize> {
 impl<const N: usize> Ldlt<N> {
     /// Factors `a`, of which only the lower triangle is read, with `damping` added to the diagonal.
     ///
-    /// `None` when some pivot is not above [`RANK_TOLERANCE`] of its diagonal entry, or not finite.
+    /// `None` when some pivot is not above 1e-12 of its diagonal entry, or not finite.
     #[inline(always)]
     pub fn new(a: &[[f64; N]; N], damping: &[f64; N]) -> Option<Self> {
         let mut lower = [[0.0; N]; N];

@@ -13,7 +13,7 @@ record! {
     /// A request to control.
     #[derive(Debug, Clone, Copy, PartialEq)]
     pub struct ControlCommand {
-        /// Code of a [`crate::control::lifecycle::Request`]; 0 asks for the answer alone, and every other code is refused.
+        /// Code of a `control::lifecycle::Request`; 0 asks for the answer alone, and every other code is refused.
         pub request: u32,
         /// Which arm: 0; a request for any other is refused.
         pub arm: u32,
@@ -115,11 +115,11 @@ record! {
     pub struct ControlAnswer {
         /// The request that this answers.
         pub request: u32,
-        /// Code of a [`crate::control::lifecycle::Refusal`]; 0: it was accepted.
+        /// Code of a `control::lifecycle::Refusal`; 0: it was accepted.
         pub refusal: u32,
         /// Code of a [`super::ControlState`].
         pub state: u32,
-        /// Code of a [`crate::control::safety::Fault`]; 0: none.
+        /// Code of a `control::safety::Fault`; 0: none.
         pub fault: u32,
         /// Code of the [`super::TargetStatus`] of the last measurement.
         pub target: u32,

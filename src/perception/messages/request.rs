@@ -23,7 +23,7 @@ record! {
         pub planned: u64,
         /// Ticks of which the mission knew when it heard the answer of control.
         pub decided: u64,
-        /// Code of a [`crate::control::lifecycle::Request`].
+        /// Code of a `control::lifecycle::Request`.
         pub request: u32,
         /// Which arm.
         pub arm: u32,
@@ -33,7 +33,7 @@ record! {
         pub form: u32,
         /// Entries of `values` in use.
         pub count: u32,
-        /// Code of a [`crate::control::lifecycle::Refusal`]; 0: it was accepted.
+        /// Code of a `control::lifecycle::Refusal`; 0: it was accepted.
         pub refusal: u32,
         /// Code of a [`super::ControlState`]: the state right after it.
         pub state: u32,

@@ -151,7 +151,7 @@ record! {
         pub state: u32,
         /// Code of the [`super::TargetStatus`] of the last measurement.
         pub target: u32,
-        /// The limits that acted since the last status: bits of [`crate::motion::Limit`].
+        /// The limits that acted since the last status: bits of `motion::Limit`.
         pub limits: u32,
         /// The joints on which they acted: bit 0 is the first.
         pub limited_joints: u32,

@@ -47,18 +47,18 @@ record! {
         pub flags: u32,
         /// Code of a [`super::ControlState`], from 0.
         pub state: u32,
-        /// Whether the measurement was used, and if not why: code of a [`crate::servo::MeasurementVerdict`].
+        /// Whether the measurement was used, and if not why: code of a `servo::MeasurementVerdict`.
         pub verdict: u32,
-        /// Code of a [`crate::control::safety::Fault`]; those of an external drive from 17 on, in the order of
-        /// [`crate::drive::DriveFault`].
+        /// Code of a `control::safety::Fault`; those of an external drive from 17 on, in the order of
+        /// `drive::DriveFault`.
         pub fault: u32,
-        /// With the last record, how the run ended: code of a [`crate::control::outcome::Outcome`].
+        /// With the last record, how the run ended: code of a `control::outcome::Outcome`.
         pub outcome: u32,
-        /// Events of the tick: bit n is the n-th of [`crate::control::trace::Event`], from 0.
+        /// Events of the tick: bit n is the n-th of `control::trace::Event`, from 0.
         pub events: u32,
         /// Orders of the mission that control has obeyed up to this tick.
         pub orders: u32,
-        /// The joints on which each [`crate::motion::Limit`] acted: bit 0 is the first joint. Entries beyond the limits that there are are 0.
+        /// The joints on which each `motion::Limit` acted: bit 0 is the first joint. Entries beyond the limits that there are are 0.
         pub limits: [u8; TRACE_LIMITS],
         /// Measured positions, rad or m.
         pub q: [f64; MAX_JOINTS],
