@@ -219,6 +219,7 @@ mod tests {
 
     const F_PX: Vector2<f64> = Vector2::new(800.0, 800.0);
     const HOLD: SpanNs = SpanNs(500_000_000);
+    /// As in the shipped run files.
     const TOLERANCE_PX: f64 = 0.05;
 
     fn set_point() -> SetPoint {

@@ -27,7 +27,7 @@ pub(super) fn doubtful_held_damping(
     {
         let message = format!(
             "torques that are held for a frame of {:.0} ms let the arm swing: the damping (servo.pd) slows its lightest motion down at {rate_1_s:.0} 1/s at the \
-             start, and held for so long it may at most do so at {limit_1_s:.0}; take servo.update = \"predict\", or gains of a {:.0}th",
+             start, and held for so long it may at most do so at {limit_1_s:.0}; take servo.update = \"predict\", or gains that are {:.0} times lower",
             1e3 / camera.rate_hz,
             (2.0 * rate_1_s / limit_1_s).ceil()
         );

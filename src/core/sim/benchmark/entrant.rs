@@ -255,7 +255,7 @@ fn answer(line: &str, joints: usize) -> Result<WantedMotion, String> {
     }
 }
 
-/// Flies a run by an entrant's answers. What goes wrong with it ends the run, and is kept.
+/// Commands the arm of a run by an entrant's answers. What goes wrong with it ends the run, and is kept.
 pub(super) struct EntrantCommander<'a> {
     link: &'a mut dyn EntrantLink,
     frames: bool,
