@@ -26,6 +26,7 @@
 //! # Example
 //!
 //! ```
+//! # use vservo_core as vservo;
 //! use vservo::control::lifecycle::{Cue, Refusal, Request, State, Step};
 //!
 //! // The target comes into view: the law moves the arm. After a fault the arm moves only when the fault was reset.

@@ -4,6 +4,7 @@
 /// and evaluates the body with it: `Result<T, RobotError>`.
 ///
 /// ```
+/// # use vservo_core as vservo;
 /// let description = vservo::robot::load("scara")?;
 /// let effort = vservo::dispatch_robot!(description, |robot| robot.limits().iter().map(|l| l.effort).sum::<f64>())?;
 /// assert!(effort > 0.0);

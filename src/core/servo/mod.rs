@@ -39,7 +39,10 @@
 //! # Example
 //!
 //! ```
-//! use vservo::prelude::*;
+//! # use vservo_core as vservo;
+//! use vservo::geometry::Pose;
+//! use vservo::servo::{Interaction, SetPoint, View, image_task};
+//! use vservo::target::FourDots;
 //!
 //! // The object lies 5 cm to the right of where the goal has it, so that the camera moves to the right.
 //! let points: Vec<_> = FourDots::default().points_O().into();

@@ -26,7 +26,12 @@
 //! # Example
 //!
 //! ```
-//! use vservo::prelude::*;
+//! # use vservo_core as vservo;
+//! use vservo::camera_model::{CameraModel, Distortion, Intrinsics};
+//! use vservo::imaging::ImageView;
+//! use vservo::messages::{FrameHeader, TargetStatus};
+//! use vservo::target::FourDots;
+//! use vservo::vision::{Frame, Prior, Vision, VisionSettings};
 //!
 //! let lens = Intrinsics { fx_px: 600.0, fy_px: 600.0, cx_px: 319.5, cy_px: 239.5, width_px: 640, height_px: 480 };
 //! let camera = CameraModel::new(lens, Distortion::default())?;

@@ -51,7 +51,11 @@
 //! # Example
 //!
 //! ```
-//! use vservo::prelude::*;
+//! # use vservo_perception as vservo;
+//! use vservo::camera_model::{CameraModel, Distortion, Intrinsics};
+//! use vservo::detect::Finder;
+//! use vservo::imaging::ImageView;
+//! use vservo::target::{FourDots, Target};
 //!
 //! let lens = Intrinsics { fx_px: 600.0, fy_px: 600.0, cx_px: 319.5, cy_px: 239.5, width_px: 640, height_px: 480 };
 //! let camera = CameraModel::new(lens, Distortion::default())?;

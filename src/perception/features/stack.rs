@@ -106,6 +106,7 @@ impl<const CAPACITY: usize> FeatureStack<CAPACITY> {
 ///
 /// ```
 /// use nalgebra::Vector2;
+/// # use vservo_perception as vservo;
 /// use vservo::features::{FeatureStack, PointFeature, solve_twist};
 ///
 /// // Four corners 0.5 m away should look 10 % larger: the camera has to approach.

@@ -13,6 +13,7 @@
 //! program uses everywhere. Positions are pixels of the image, pixel centres integers, x along columns and y down rows.
 //!
 //! ```
+//! # use vservo_perception as vservo;
 //! use vservo::imaging::ImageView;
 //! use vservo::pipeline::Pipeline;
 //! let mut pixels = [200u8; 64];

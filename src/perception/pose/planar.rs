@@ -45,6 +45,7 @@ impl PlanarPose {
 ///
 /// ```
 /// use nalgebra::Vector2;
+/// # use vservo_perception as vservo;
 /// use vservo::pose::{Correspondence, planar_pose};
 ///
 /// // The square of Example 10.1 seen from 0.5 m, turned by 45 degrees about y (coordinates of four digits).

@@ -33,6 +33,7 @@ impl From<PlanarPose> for PnpPoses {
 ///
 /// ```
 /// use nalgebra::{Point3, Vector2};
+/// # use vservo_perception as vservo;
 /// use vservo::pose::{Correspondence3, pnp};
 ///
 /// // Corners of a cube of 0.1 m, 0.5 m ahead.
