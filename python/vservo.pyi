@@ -201,6 +201,9 @@ class Client:
     ) -> Status:
         """Begins to move joints by `dq` (joints,), rad or m, or the camera in its own frame, (3,) and (3,)."""
 
+    def velocities(self, hold_s: float = 0.1) -> Velocities:
+        """Commands velocities, each of which holds for `hold_s`, 0.01 to 1 s; an arm that is sent none for longer brakes and rests."""
+
     def set(self, what: str, value: float) -> Status:
         """Changes "gain" (1/s), "tolerance" (px) or "hold" (s) in the running loop."""
 
@@ -215,6 +218,15 @@ class Client:
 
     def joint_states(self, timeout_s: float = 5.0) -> JointStates:
         """One of each tick of 1 ms, until the run ends."""
+
+class Velocities:
+    """Velocities that a program commands, as those of a law of its own. Each call returns the status after it, or raises `Refused`."""
+
+    def joints(self, qd: ArrayLike) -> Status:
+        """The joints by `qd` (joints,), rad/s or m/s; in the same direction, but slower, where one would be faster than it may."""
+
+    def camera(self, V_C: ArrayLike) -> Status:
+        """The camera by its twist (6,), in its own frame: along x, y, z, m/s, and about x, y, z, rad/s."""
 
 class Statuses(Iterator[Status]):
     lost: int

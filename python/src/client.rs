@@ -5,6 +5,7 @@ use crate::errors::{NotReached, ProgramFailed, Refused, raised};
 use crate::goal::{Goal, fixed, pose, rotation};
 use crate::status::Status;
 use crate::streams::{JointStates, Measurements, Statuses, Stream, USUAL_TIMEOUT_S};
+use crate::velocities::Velocities;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::path::PathBuf;
@@ -53,6 +54,14 @@ enum Place<'py> {
     Joints(Vec<f64>),
 }
 
+/// The status in an answer, or why it was refused.
+pub fn answered(answer: RunAnswer) -> PyResult<Status> {
+    match answer.reason {
+        Some(reason) => Err(Refused::new_err(format!("{} was refused: {reason}", answer.request))),
+        None => Ok(Status::of_answer(&answer)),
+    }
+}
+
 impl Client {
     /// Does `work` with a client whose waits Ctrl-C ends.
     fn ask<T: Send>(
@@ -71,11 +80,7 @@ impl Client {
         py: Python<'_>,
         work: impl FnOnce(&Core) -> Result<RunAnswer, ProcessError> + Send,
     ) -> PyResult<Status> {
-        let answer = self.ask(py, work)?;
-        match answer.reason {
-            Some(reason) => Err(Refused::new_err(format!("{} was refused: {reason}", answer.request))),
-            None => Ok(Status::of_answer(&answer)),
-        }
+        answered(self.ask(py, work)?)
     }
 
     fn stream<T: Send>(
@@ -252,6 +257,15 @@ impl Client {
             }
             _ => Err(PyValueError::new_err("needs either dq, or position_m and rotation_rpy_deg")),
         }
+    }
+
+    /// velocities(hold_s=0.1) -> Velocities
+    ///
+    /// Commands velocities from now on, each of which holds for `hold_s`, 0.01 to 1 s; an arm that is sent none for longer brakes and rests. The first takes the
+    /// arm over from what it does, as `goto` does.
+    #[pyo3(signature = (hold_s = 0.1))]
+    fn velocities(&self, py: Python<'_>, hold_s: f64) -> PyResult<Velocities> {
+        Ok(Velocities { stream: self.ask(py, move |core| core.velocities(hold_s))? })
     }
 
     /// set(what, value) -> Status

@@ -16,6 +16,7 @@ mod measurement;
 mod simulation;
 mod status;
 mod streams;
+mod velocities;
 mod vision;
 
 use pyo3::prelude::*;
@@ -44,6 +45,7 @@ fn vservo(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<streams::JointStates>()?;
     module.add_class::<streams::Measurements>()?;
     module.add_class::<streams::Statuses>()?;
+    module.add_class::<velocities::Velocities>()?;
     module.add_class::<camera::Camera>()?;
     module.add_class::<vision::Vision>()?;
     module.add_class::<measurement::Measurement>()?;

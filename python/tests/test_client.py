@@ -58,6 +58,20 @@ class Served(unittest.TestCase):
         return self.cell.wait("converged", timeout_s=60)
 
 
+class OwnLaw(Served):
+    """In real time, as a program of a user runs it."""
+
+    arguments = ["--clock", "realtime"]
+
+    def test_a_law_in_python_servoes_the_arm(self):
+        import own_law
+
+        error = own_law.servo(self.cell)
+        self.assertLess(np.linalg.norm(error), 1e-3)
+        held = self.cell.wait("state=held", timeout_s=30)
+        self.assertLess(np.abs(held.qd).max(), 5e-3)
+
+
 class Requests(Served):
     def test_a_run_does_what_it_is_told(self):
         cell = self.cell
@@ -110,6 +124,17 @@ class Requests(Served):
         self.assertEqual(self.daemon.wait(30), 0)
         with self.assertRaisesRegex(vservo.Unreachable, "vservo serve"):
             cell.status()
+
+    def test_velocities_move_the_arm_and_silence_ends_them(self):
+        cell = self.cell
+        before = cell.status().q
+        self.assertEqual(cell.velocities(hold_s=0.5).joints([0.2, 0, 0, -0.1]).state, "moving")
+        after = cell.wait("state=held", timeout_s=60)
+        np.testing.assert_allclose(after.q - before, [0.1, 0, 0, -0.05], atol=3e-3)
+        with self.assertRaisesRegex(vservo.Refused, "one for each joint"):
+            cell.velocities().joints([0.1])
+        with self.assertRaisesRegex(ValueError, "V_C: has 3 numbers, 6 are needed"):
+            cell.velocities().camera([0, 0, 0.1])
 
     def test_what_cannot_be_is_told_in_words(self):
         cell = self.cell

@@ -70,6 +70,13 @@ pub(super) fn ctl(arguments: &CtlArguments) -> Result<u8, ProcessError> {
             let FixedNumbers(position_m) = position_m.unwrap_or(FixedNumbers([0.0; 3]));
             client.jog_camera(&position_m.into(), &rotation(*rotation_rpy_deg, None).scaled_axis())
         }
+        CtlCommand::Velocity { q, camera, hold_s } => {
+            let velocities = client.velocities(*hold_s)?;
+            match (q, camera) {
+                (_, Some(FixedNumbers(V_C))) => velocities.camera(V_C),
+                (q, None) => velocities.joints(q.as_ref().map_or(&[][..], |NumberList(q)| q)),
+            }
+        }
         CtlCommand::Set { what, value } => {
             let setting = match what {
                 SettingArgument::Gain => Setting::Gain,

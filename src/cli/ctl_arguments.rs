@@ -105,6 +105,24 @@ pub enum CtlCommand {
         #[arg(long, value_name = "R,P,Y", allow_hyphen_values = true)]
         rotation_rpy_deg: Option<FixedNumbers<3>>,
     },
+    /// Move the arm by a velocity for a time, and hold it then: joints, or the camera in its own frame. Programs send one after another (docs/library.md)
+    Velocity {
+        /// Velocities of the joints, rad/s or m/s
+        #[arg(
+            long,
+            value_name = "QD1,QD2,...",
+            allow_hyphen_values = true,
+            required_unless_present = "camera",
+            conflicts_with = "camera"
+        )]
+        q: Option<NumberList>,
+        /// Twist of the camera: along x, y, z, m/s, and about x, y, z, rad/s
+        #[arg(long, value_name = "VX,VY,VZ,WX,WY,WZ", allow_hyphen_values = true)]
+        camera: Option<FixedNumbers<6>>,
+        /// For how long, s: 0.01 to 1
+        #[arg(long, value_name = "S", default_value_t = 0.5)]
+        hold_s: f64,
+    },
     /// Change a value in the running loop
     Set {
         /// Which

@@ -9,7 +9,7 @@
 //! println!("{}: {}", end.is_reached, end.reason);
 //! # Ok::<(), vservo::process::ProcessError>(())
 //! ```
-//! Every call joins the instance and leaves it again, so that a program that does nothing holds none of the few places for clients. `stop` and
+//! Every call joins the instance and leaves it again, so that a program that does nothing holds none of the few places for clients; streams keep theirs. `stop` and
 //! `shutdown` go by the stop word, which nothing can hold up.
 
 mod answer;
@@ -20,6 +20,7 @@ mod requests;
 #[cfg(feature = "cli")]
 mod run_watch;
 mod targets;
+mod velocity_stream;
 mod wait;
 
 pub use crate::config::WaitFor;
@@ -30,6 +31,7 @@ pub use requests::Setting;
 #[cfg(feature = "cli")]
 pub use run_watch::RunWatch;
 pub use targets::RunTarget;
+pub use velocity_stream::VelocityStream;
 pub use wait::WaitEnd;
 
 use crate::control::lifecycle::Request;

@@ -1,16 +1,17 @@
 //! How a client reaches control: over the command service, or, for a stop, through the stop word. Neither takes longer than it
 //! may, whatever stands in its way.
 
-use crate::ipc::{Halt, Instance, InstanceError, IpcError, Role, Services};
+use crate::ipc::{CommandClient, Halt, Instance, InstanceError, IpcError, Role, Services};
 use crate::messages::{ControlAnswer, ControlCommand, ControlState};
 use crate::process::{ProcessError, StopFlag};
 use crate::rt::now;
 use crate::time::{MonoNs, SpanNs};
-use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::sync::Mutex;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::Duration;
 
-/// Looks for an answer lie so far apart.
-const LOOK: Duration = Duration::from_millis(2);
+/// Looks for an answer lie so far apart. Derived: half a tick, as an answer takes a tick and two looks of control.
+const LOOK: Duration = Duration::from_micros(500);
 /// Pause where all slots are taken. Chosen by hand: one of the clients is answered, and leaves, within some milliseconds.
 const CROWDED: Duration = Duration::from_millis(20);
 /// Time for leaving after the answer, or after the last look for it. Chosen by hand, some hundred times what it takes on an idle machine.
@@ -118,33 +119,97 @@ pub(super) fn ask(
     command: ControlCommand,
     patience: &AnswerTimeout,
 ) -> Result<ControlAnswer, ProcessError> {
-    let (tell, told) = channel();
-    let (place, own) = (instance.clone(), patience.clone());
-    std::thread::Builder::new()
-        .name("ask".into())
-        .spawn(move || {
-            let _ = tell.send(ask_here(&place, command, &own));
-        })
-        .map_err(|cause| ProcessError::Start { what: "the thread that asks", cause })?;
-    match told.recv_timeout(patience.left() + Duration::from_secs_f64(LEAVING.as_s())) {
-        Ok(answer) => answer,
-        Err(RecvTimeoutError::Timeout) => Err(patience.no_answer(instance)),
-        Err(RecvTimeoutError::Disconnected) => Err(ProcessError::Panicked("asking")),
+    // Whoever ends after the answer does not end in the middle of leaving.
+    AskingThread::begin(instance)?.ask(command, patience)
+}
+
+/// A question on its way to the thread that asks it, with who waits for its answer.
+type Question = (ControlCommand, AnswerTimeout, Sender<Result<ControlAnswer, ProcessError>>);
+
+/// A thread that joins an instance, asks control what it is given, and leaves when this is dropped.
+#[derive(Debug)]
+pub(super) struct AskingThread {
+    instance: Instance,
+    /// `None` once this is dropped.
+    questions: Option<Sender<Question>>,
+    /// Nothing comes through it; it is closed when the thread has left.
+    leaving: Mutex<Receiver<()>>,
+}
+
+impl Drop for AskingThread {
+    /// A process that ends while it leaves would leave to others what it has half given back.
+    fn drop(&mut self) {
+        self.questions = None;
+        if let Ok(leaving) = self.leaving.get_mut() {
+            let _ = leaving.recv_timeout(Duration::from_secs_f64(LEAVING.as_s()));
+        }
     }
 }
 
-fn ask_here(
-    instance: &Instance,
-    command: ControlCommand,
-    patience: &AnswerTimeout,
-) -> Result<ControlAnswer, ProcessError> {
+impl AskingThread {
+    /// A thread that joins `instance` with its first question.
+    pub(super) fn begin(instance: &Instance) -> Result<Self, ProcessError> {
+        let (questions, received) = channel();
+        let (left, leaving) = channel();
+        let place = instance.clone();
+        std::thread::Builder::new()
+            .name("ask".into())
+            .spawn(move || {
+                ask_all(&place, &received);
+                drop(left);
+            })
+            .map_err(|cause| ProcessError::Start { what: "the thread that asks", cause })?;
+        Ok(Self { instance: instance.clone(), questions: Some(questions), leaving: Mutex::new(leaving) })
+    }
+
+    /// The answer to `command`.
+    pub(super) fn ask(
+        &self,
+        command: ControlCommand,
+        patience: &AnswerTimeout,
+    ) -> Result<ControlAnswer, ProcessError> {
+        let gone = || ProcessError::Panicked("asking");
+        let (tell, told) = channel();
+        let questions = self.questions.as_ref().ok_or_else(gone)?;
+        questions.send((command, patience.clone(), tell)).map_err(|_| gone())?;
+        match told.recv_timeout(patience.left() + Duration::from_secs_f64(LEAVING.as_s())) {
+            Ok(answer) => answer,
+            Err(RecvTimeoutError::Timeout) => Err(patience.no_answer(&self.instance)),
+            Err(RecvTimeoutError::Disconnected) => Err(gone()),
+        }
+    }
+}
+
+/// Joins `instance`, and asks until nobody asks any more. Where it cannot join, each question is answered by why.
+fn ask_all(instance: &Instance, questions: &Receiver<Question>) {
+    let mut joined = None;
+    while let Ok((command, patience, tell)) = questions.recv() {
+        let place = match joined.take() {
+            Some(place) => Ok(place),
+            None => join(instance, &patience),
+        };
+        let answer = place.and_then(|place| {
+            let (client, _) = joined.insert(place);
+            ask_here(instance, client, command, &patience)
+        });
+        // A run that is another one meanwhile is joined anew.
+        if answer.is_err() {
+            joined = None;
+        }
+        // Who asked may have given up.
+        let _ = tell.send(answer);
+    }
+}
+
+/// A place among the clients of `instance`.
+fn join(instance: &Instance, patience: &AnswerTimeout) -> Result<(CommandClient, Services), ProcessError> {
     let join = || -> Result<_, IpcError> {
         let services = Services::join(instance)?;
         Ok((services.command_client()?, services))
     };
-    let (client, _services) = loop {
+    loop {
         match join() {
-            Ok(joined) => break joined,
+            Ok(joined) => return Ok(joined),
             Err(error) if error.is_crowded() => match patience.check(instance) {
                 Err(ProcessError::NoAnswer { .. }) => return Err(crowded(instance, error)),
                 over => over?,
@@ -154,7 +219,15 @@ fn ask_here(
             Err(error) => return Err(error.into()),
         }
         std::thread::sleep(CROWDED);
-    };
+    }
+}
+
+fn ask_here(
+    instance: &Instance,
+    client: &CommandClient,
+    command: ControlCommand,
+    patience: &AnswerTimeout,
+) -> Result<ControlAnswer, ProcessError> {
     let pending = client.ask(command)?;
     loop {
         if let Some(answer) = pending.answer()? {

@@ -260,7 +260,7 @@ fn word(place: &Path) -> Option<&str> {
     place.to_str().filter(|_| is_word)
 }
 
-fn with_numbers(
+pub(super) fn with_numbers(
     request: Request,
     form: CommandForm,
     numbers: &[f64],

@@ -4,6 +4,7 @@ mod arm_unlike_model;
 mod boundary;
 mod calibration_rendered;
 mod chessboard;
+mod client_velocities;
 mod comparison_metrics;
 mod contact;
 mod controller_limits;

@@ -218,6 +218,42 @@ fn an_arm_goes_where_it_is_sent_and_no_farther_than_it_may() {
 }
 
 #[test]
+fn an_arm_moves_by_velocities_and_rests_after_them() {
+    let daemon = Daemon::start("rt-velocity", &["--clock", "lockstep"]);
+    let start = posture(&daemon);
+    accepts(&daemon, &["velocity", "--q", "0.2,-0.1,0.02,0.3", "--hold-s", "0.5"]);
+    accepts(&daemon, &["wait", "state=held", "--timeout-s", "120"]);
+    let there: Vec<f64> = start.iter().zip([0.1, -0.05, 0.01, 0.15]).map(|(q, d)| q + d).collect();
+    assert!(farthest(&posture(&daemon), &there) < 3e-3, "{:?} {there:?}", posture(&daemon));
+
+    refuses(
+        &daemon,
+        &["velocity", "--q", "0.1,0,0", "--hold-s", "0.5"],
+        "one for each joint or six of the camera",
+    );
+    refuses(&daemon, &["velocity", "--q", "0.1,0,0,0", "--hold-s", "5"], "0.01 to 1 s");
+    refuses(&daemon, &["velocity", "--camera", "nan,0,0,0,0,0"], "finite");
+
+    // Over and over, from the loop of a program: it takes the arm over from the law, and the law takes it back on request.
+    accepts(&daemon, &["start"]);
+    daemon.wait_for("servoing");
+    let client = vservo::client::Client::connect(&daemon.instance.name).unwrap();
+    let arm = client.velocities(1.0).unwrap();
+    for _ in 0..20 {
+        let answer = arm.camera(&[0.01, 0.0, 0.0, 0.0, 0.0, 0.0]).unwrap();
+        assert_eq!((answer.reason, answer.state), (None, "moving"));
+    }
+    client.hold().unwrap();
+    accepts(&daemon, &["start"]);
+    converges(&daemon);
+    accepts(&daemon, &["shutdown"]);
+    assert_eq!(arm.camera(&[0.0; 6]).map(|answer| answer.reason.is_none()).ok().filter(|taken| *taken), None);
+    let (code, printed) = daemon.ended();
+    assert_eq!(code, Some(0), "{printed}");
+    assert!(printed.contains("no velocity is asked for any more"), "{printed}");
+}
+
+#[test]
 fn what_may_change_in_a_running_loop_is_set_within_its_bounds() {
     let daemon = Daemon::start("rt-set", &["--clock", "lockstep", "--set", "goal.feature_error_px=0.000001"]);
     accepts(&daemon, &["start"]);

@@ -238,7 +238,10 @@ impl<const N: usize> ControlLoop<N> {
             }
             _ => self.controller.request(request)?,
         }
-        self.events.push(Event::Requested(request));
+        // Velocities come many times a second: the first of them is an event.
+        if !(request == Request::Velocity && self.controller.moves_by_velocities()) {
+            self.events.push(Event::Requested(request));
+        }
         // A run that is not served has no idle state: a stop ends it.
         if request == Request::Shutdown || (request == Request::Stop && !self.settings.served) {
             (self.ends, self.stopped) = (true, Some(SHUT_DOWN));
@@ -288,6 +291,7 @@ impl<const N: usize> ControlLoop<N> {
             ControlOrder::Goal(goal) => self.controller.set_goal(goal.clone()),
             ControlOrder::Waypoint(q) => self.controller.add_waypoint(q),
             ControlOrder::Posture(q) => self.controller.go_to(q),
+            ControlOrder::Velocity(motion, hold) => self.controller.move_by(*motion, *hold),
             ControlOrder::Gain(gain_1_s) => self.controller.set_gain(*gain_1_s),
             ControlOrder::Excite(motion) => self.controller.excite(motion),
             ControlOrder::Command(motion) => self.controller.command(*motion),

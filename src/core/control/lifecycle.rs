@@ -13,10 +13,11 @@
 //!               └──── reset ──── Fault ◄── at rest ── Failing
 //!               └─ robot ready ─ Clearing ◄─ reset, where the robot has an error of its own that it can clear ─ Fault
 //!
-//!   Moving: from everywhere but Teaching, Stopping, Failing, Fault and Clearing by the requests goto and jog ─► Held, when the posture is reached
+//!   Moving: from everywhere but Teaching, Stopping, Failing, Fault and Clearing by the requests goto, jog and velocity ─► Held, when the posture is
+//!           reached, or no velocity holds any more
 //! ```
 //! The arm moves in `Servoing`, under the servo law, in `Returning`, to the posture from which the target was seen last, and in `Moving`, to a posture
-//! that was asked for. In all other states it is at rest, or brakes until it is.
+//! or by a velocity that was asked for. In all other states it is at rest, or brakes until it is.
 
 use crate::messages::ControlState;
 
@@ -35,7 +36,7 @@ pub enum State {
     Holding,
     /// The view was lost: the arm returns to where it saw the whole target last, and resumes by itself when the view is back.
     Returning,
-    /// On the way to a posture that was asked for.
+    /// On the way to a posture, or moving by a velocity, that was asked for.
     Moving,
     /// Held on request: the arm brakes and rests until the request `start`.
     Held,
@@ -73,6 +74,8 @@ pub enum Request {
     Jog = 9,
     /// Change what may change in a running loop.
     Set = 10,
+    /// Move by a velocity for a time, and hold once no other has come.
+    Velocity = 11,
 }
 
 /// The events that cause transitions.
@@ -92,6 +95,8 @@ pub enum Cue {
     Taught,
     /// The posture that was asked for is reached.
     Arrived,
+    /// The last velocity that was asked for has held as long as it may, and the arm rests.
+    Silent,
     /// The measured arm stands.
     AtRest,
     /// Something failed.
@@ -171,7 +176,7 @@ pub enum Refusal {
 
 impl Request {
     /// All requests.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::Start,
         Self::Hold,
         Self::Teach,
@@ -182,6 +187,7 @@ impl Request {
         Self::Goto,
         Self::Jog,
         Self::Set,
+        Self::Velocity,
     ];
 
     /// The word of `vservo ctl`.
@@ -198,6 +204,7 @@ impl Request {
             Self::Goto => "goto",
             Self::Jog => "jog",
             Self::Set => "set",
+            Self::Velocity => "velocity",
         }
     }
 
@@ -255,8 +262,8 @@ impl Refusal {
             Self::NotReady => "the run is still starting: it waits for its external drive",
             Self::UnknownCamera => "goals of this run are seen by one camera, number 0",
             Self::WrongNumbers => {
-                "its numbers are none that this run takes: a posture needs one for each joint, and all must be finite and within the bounds that \
-                 the run file has for them"
+                "its numbers are none that this run takes: a posture needs one for each joint, a velocity one for each joint or six of the camera and \
+                 the time for which it holds (0.01 to 1 s), and all must be finite and within the bounds that the run file has for them"
             }
             Self::OtherPoints => {
                 "the goal is of other points than the target of this run: teach it with the same run file, or give a pose"
@@ -363,17 +370,18 @@ impl State {
                 (Idle | Stopping, Request::Stop) | (Stopping, Request::Shutdown) => Stay,
                 (_, Request::Stop | Request::Shutdown) => To(Stopping),
                 (_, Request::Set) => Stay,
-                (Teaching, Request::Start | Request::Goal | Request::Goto | Request::Jog) => {
-                    Refuse(Refusal::Teaching)
-                }
+                (
+                    Teaching,
+                    Request::Start | Request::Goal | Request::Goto | Request::Jog | Request::Velocity,
+                ) => Refuse(Refusal::Teaching),
                 (_, Request::Goal) => Stay,
                 (Stopping, _) | (Moving, Request::Start | Request::Teach) => Refuse(StillMoving),
                 (Idle | Held, Request::Start) => To(Waiting),
                 (Waiting | Servoing | Holding | Returning, Request::Start) => Refuse(AlreadyStarted),
                 (Teaching, Request::Teach) => Stay,
                 (_, Request::Teach) => To(Teaching),
-                (Moving, Request::Goto | Request::Jog) => Stay,
-                (_, Request::Goto | Request::Jog) => To(Moving),
+                (Moving, Request::Goto | Request::Jog | Request::Velocity) => Stay,
+                (_, Request::Goto | Request::Jog | Request::Velocity) => To(Moving),
                 (Idle, Request::Hold) => Refuse(NotStarted),
                 (Held, Request::Hold) => Stay,
                 (Waiting | Teaching | Servoing | Holding | Returning | Moving, Request::Hold) => To(Held),
@@ -403,7 +411,7 @@ impl State {
                 Teaching => To(Held),
                 _ => Stay,
             },
-            Cue::Arrived => match self {
+            Cue::Arrived | Cue::Silent => match self {
                 Moving => To(Held),
                 _ => Stay,
             },

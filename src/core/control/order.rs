@@ -4,6 +4,7 @@ use super::behaviour::CommandedMotion;
 use super::lifecycle::Request;
 use crate::motion::ExcitationMotion;
 use crate::servo::SetPoint;
+use crate::time::SpanNs;
 use nalgebra::SVector;
 
 /// One order. It takes effect before the next tick; an order that is not possible in the present state is ignored.
@@ -18,6 +19,8 @@ pub enum ControlOrder<const N: usize> {
     Waypoint(SVector<f64, N>),
     /// Moves to a posture, rad or m, in the state `Moving`.
     Posture(SVector<f64, N>),
+    /// Moves by a velocity for a time, in the state `Moving`.
+    Velocity(CommandedMotion<N>, SpanNs),
     /// Sets the gain of the law, 1/s.
     Gain(f64),
     /// Sets the excitation motion of a calibration.

@@ -208,6 +208,8 @@ pub enum Event {
     GoalLeft,
     /// The posture that was asked for is reached.
     Arrived,
+    /// No velocity that a client asked for holds any more, and the arm rests.
+    VelocityEnded,
     /// The robot has cleared its error, and the fault is reset.
     RobotReady,
     /// The robot has not cleared its error although a reset was asked for.
@@ -237,6 +239,7 @@ impl Event {
             Self::MotionOver => "motion_over",
             Self::GoalLeft => "goal_left",
             Self::Arrived => "arrived",
+            Self::VelocityEnded => "velocity_ended",
             Self::RobotReady => "robot_ready",
             Self::RobotNotCleared => "robot_not_cleared",
         }

@@ -7,6 +7,7 @@
 //! ```
 
 use super::{BelievedCell, Mission, RunTask, vector};
+use crate::control::behaviour::CommandedMotion;
 use crate::control::lifecycle::{Refusal, Request};
 use crate::control::order::ControlOrder;
 use crate::geometry::{Pose, rotation_angle};
@@ -15,7 +16,7 @@ use crate::motion::Workspace;
 use crate::servo::{PostureSearch, SetPoint};
 use crate::target::PointKind;
 use crate::time::SpanNs;
-use nalgebra::{Point3, Quaternion, SVector, Translation3, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{Point3, Quaternion, SVector, Translation3, UnitQuaternion, Vector2, Vector3, Vector6};
 use std::ops::RangeInclusive;
 
 /// Bounds of `servo.gain_1_s`, in a run file and in a running loop, 1/s. Chosen by hand, wider than any use, so that a slip of the unit is reported.
@@ -29,6 +30,11 @@ pub const HOLD_S: RangeInclusive<f64> = 0.0..=60.0;
 const JOG_M: f64 = 0.05;
 /// The same in rad. Chosen by hand.
 const JOG_RAD: f64 = 0.2;
+/// Time for which a velocity may hold, s. Chosen by hand: at least some ticks, and no longer than a person would want an arm to go on by itself.
+const VELOCITY_HOLD_S: RangeInclusive<f64> = 0.01..=1.0;
+/// Largest velocity that anybody can mean, rad/s or m/s; slower arms go as fast as they may in that direction. Chosen by hand, beyond the fastest joints of
+/// robot files, so that a slip of the unit is refused.
+const VELOCITY: f64 = 30.0;
 /// How far the camera may end from where a jog wants it, m and rad: more than the rounding of the search, less than anybody sees. Chosen by hand.
 const JOG_REACHED: f64 = 1e-5;
 /// How far a quaternion's norm may be from 1. Derived: three decimals are off by 5e-4 each, and four of them by up to 2e-3, as in a run file (`config/pose_forms.rs`).
@@ -101,6 +107,7 @@ impl<const N: usize> Mission<N> {
                 (None, Some(ControlOrder::Posture(self.posture(&joints(command)?)?)))
             }
             (Request::Jog, Some(form)) => (None, Some(ControlOrder::Posture(self.jogged(form, command)?))),
+            (Request::Velocity, Some(form)) => (None, Some(self.velocity(form, command)?)),
             (Request::Set, Some(form)) => self.setting(form, command)?,
             _ => return Err(Refusal::WrongNumbers),
         };
@@ -243,6 +250,27 @@ impl<const N: usize> Mission<N> {
                 self.posture(&found)
             }
             _ => Err(Refusal::WrongNumbers),
+        }
+    }
+
+    /// The velocity of a client, with the time for which it holds.
+    fn velocity(&self, form: CommandForm, command: &ControlCommand) -> Result<ControlOrder<N>, Refusal> {
+        self.cell.as_ref().filter(|_| self.plan.closed_loop).ok_or(Refusal::NoArm)?;
+        let (&hold_s, velocity) = numbers(command)?.split_last().ok_or(Refusal::WrongNumbers)?;
+        let is_plausible = VELOCITY_HOLD_S.contains(&hold_s) && velocity.iter().all(|v| v.abs() <= VELOCITY);
+        let motion = match form {
+            CommandForm::JointVelocity if velocity.len() == N => {
+                CommandedMotion::Joints(SVector::from_column_slice(velocity))
+            }
+            CommandForm::CameraTwist if velocity.len() == 6 => {
+                CommandedMotion::Twist(Vector6::from_column_slice(velocity))
+            }
+            _ => return Err(Refusal::WrongNumbers),
+        };
+        if is_plausible {
+            Ok(ControlOrder::Velocity(motion, SpanNs::from_s(hold_s)))
+        } else {
+            Err(Refusal::WrongNumbers)
         }
     }
 

@@ -207,6 +207,7 @@ pub fn describe(event: Event) -> String {
         Event::Requested(request) => return format!("{} on request", request.as_str()),
         Event::GoalReached => "the goal was reached and held",
         Event::Arrived => "the posture that was asked for is reached",
+        Event::VelocityEnded => "no velocity is asked for any more: the arm rests",
         Event::RobotReady => "the robot obeys commands again: the fault is reset",
         Event::RobotNotCleared => {
             "the robot has not cleared its error: see to it at the robot, then `vservo ctl reset` again"

@@ -65,11 +65,15 @@ pub enum CommandForm {
     Tolerance = 6,
     /// Time for which the goal must be held, s.
     Hold = 7,
+    /// Velocities of the joints, rad/s or m/s, and for how long they hold, s.
+    JointVelocity = 8,
+    /// Twist of the camera `V_WC_C`: m/s and rad/s, and for how long it holds, s.
+    CameraTwist = 9,
 }
 
 impl CommandForm {
     /// All forms.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 9] = [
         Self::Features,
         Self::Pose,
         Self::Joints,
@@ -77,6 +81,8 @@ impl CommandForm {
         Self::Gain,
         Self::Tolerance,
         Self::Hold,
+        Self::JointVelocity,
+        Self::CameraTwist,
     ];
 
     /// The form of a code in a message.

@@ -272,7 +272,7 @@ mod tests {
         for request in Request::ALL {
             assert_eq!(of(request as u32, 0, 0), ParsedCommand::Request(request));
         }
-        for code in [11, 99, u32::MAX] {
+        for code in [12, 99, u32::MAX] {
             assert_eq!(of(code, 0, 0), ParsedCommand::Nothing(Refusal::UnknownRequest), "{code}");
         }
         for number in [1, 7, u32::MAX] {

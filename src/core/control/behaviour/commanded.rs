@@ -1,10 +1,11 @@
-//! A motion that somebody else commands, such as an entrant of the benchmark: a twist of the camera or velocities of the joints, held until the next one.
+//! Motions that somebody else commands: a twist of the camera or velocities of the joints. An entrant of the benchmark commands instead of the law, for as long
+//! as measurements come; what a client commands in a running loop is a [`VelocityMotion`](super::VelocityMotion).
 
 use super::{ArmModel, MotionCommand};
 use crate::control::safety::{Freshness, MeasurementWatch};
 use crate::drive::DriveState;
 use crate::messages::Measurement;
-use crate::robot::{InverseOptions, Mount};
+use crate::robot::{InverseOptions, Mount, Robot};
 use crate::time::MonoNs;
 use nalgebra::{SVector, Vector6};
 
@@ -15,6 +16,27 @@ pub enum CommandedMotion<const N: usize> {
     Twist(Vector6<f64>),
     /// Velocities of the joints, rad/s or m/s.
     Joints(SVector<f64, N>),
+}
+
+impl<const N: usize> CommandedMotion<N> {
+    /// The velocities of the joints, rad/s or m/s: a twist by the Jacobian of the camera on `mount` at this tick, damped near singular postures and ends of
+    /// ranges as for every law; velocities of the joints as they are.
+    #[must_use]
+    pub(super) fn joint_velocity(
+        &self,
+        q: &SVector<f64, N>,
+        mount: &Mount,
+        robot: &Robot<N>,
+    ) -> SVector<f64, N> {
+        match self {
+            Self::Joints(qd) => *qd,
+            Self::Twist(V_C) => {
+                let (_, J) = mount.camera(robot, q);
+                let (J, none) = (J.matrix(), SVector::zeros());
+                robot.damped_velocity(q, J, V_C, &none, &InverseOptions::default()).qd
+            }
+        }
+    }
 }
 
 /// The last commanded motion, while the measurements to which it answers are fresh enough to be trusted.
@@ -51,23 +73,15 @@ impl<const N: usize> CommandedBehaviour<N> {
         }
     }
 
-    /// The twist by the camera's Jacobian at this tick, damped near singular postures and ends of ranges as for every law; velocities of the joints as they are.
+    /// The motion at the `confidence` in what it answers to.
     pub(super) fn motion_command(
         &self,
         state: &DriveState<N>,
         confidence: f64,
         arm: &ArmModel<N>,
     ) -> MotionCommand<N> {
-        let qd = match self.motion {
-            None => return MotionCommand::Stand,
-            Some(CommandedMotion::Joints(qd)) => qd,
-            Some(CommandedMotion::Twist(V_C)) => {
-                let (_, J) = self.mount.camera(&arm.robot, &state.q);
-                let (J, none) = (J.matrix(), SVector::zeros());
-                arm.robot.damped_velocity(&state.q, J, &V_C, &none, &InverseOptions::default()).qd
-            }
-        };
-        MotionCommand::Joints(qd * confidence)
+        let Some(motion) = self.motion else { return MotionCommand::Stand };
+        MotionCommand::Joints(motion.joint_velocity(&state.q, &self.mount, &arm.robot) * confidence)
     }
 }
 

@@ -8,6 +8,7 @@
 //! | [`Excitation`] | measurements that keep arriving, whatever their stamps | the excitation motion of the joints |
 //! | [`CommandedBehaviour`] | motions that somebody else commands upon measurements | that motion, held until the next |
 //! | [`PostureMotion`] | one posture that a client asked for | a motion there from rest, beside the behaviour of the run |
+//! | [`VelocityMotion`] | velocities that a client commands, each for a time | those velocities, and standstill once it is silent |
 //! | standing, braking | none | standstill, where no behaviour moves the arm |
 //!
 //! None of them plans: goals, waypoints and motions come from the mission ([`Order`](super::order::ControlOrder)).
@@ -16,12 +17,14 @@ mod commanded;
 mod excitation;
 mod posture_motion;
 mod servoing;
+mod velocity_motion;
 mod waypoints;
 
 pub use commanded::{CommandedBehaviour, CommandedMotion};
 pub use excitation::Excitation;
 pub use posture_motion::PostureMotion;
 pub use servoing::Servoing;
+pub use velocity_motion::VelocityMotion;
 pub use waypoints::Waypoints;
 
 use crate::drive::DriveState;

@@ -20,7 +20,7 @@ mod space;
 
 pub use settings::{ControlOutput, ControllerSettings, Rest};
 
-use crate::control::behaviour::{ArmModel, Behaviour, MotionCommand, PostureMotion};
+use crate::control::behaviour::{ArmModel, Behaviour, MotionCommand, PostureMotion, VelocityMotion};
 use crate::control::gate::{Gate, Passed, SpaceBound};
 use crate::control::lifecycle::{Cue, State, Step};
 use crate::control::safety::{
@@ -61,6 +61,8 @@ pub struct Controller<const N: usize> {
     behaviour: Behaviour<N>,
     /// The motion to a posture that a client asked for, in the state `Moving`.
     posture: PostureMotion<N>,
+    /// The motion by velocities that a client commands, in the same state.
+    velocity: VelocityMotion<N>,
     /// Whether friction is probed, so that the reference stands.
     probes: bool,
     /// Whether the end of the behaviour's motion was reported.
@@ -132,6 +134,7 @@ impl<const N: usize> Controller<N> {
             servo,
             behaviour,
             posture: PostureMotion::default(),
+            velocity: VelocityMotion::default(),
             probes: false,
             over_told: false,
             joint_control,
@@ -235,7 +238,7 @@ impl<const N: usize> Controller<N> {
         let may_return = !self.behaviour.is_dry() && self.behaviour.sees(now);
         let returns = |state: &DriveState<N>| self.servo.way_back(&state.q).filter(|_| may_return);
         let way_back = observed.as_ref().and_then(returns);
-        self.live(state.as_ref(), confidence, way_back.is_some());
+        self.live(now, state.as_ref(), confidence, way_back.is_some());
         if self.state != State::Servoing {
             self.servo.restart();
             self.behaviour.interrupt();
@@ -250,11 +253,7 @@ impl<const N: usize> Controller<N> {
                 confidence = 1.0;
                 MotionCommand::Velocity(qd, convergence)
             }
-            (Some(_), State::Moving, _) => {
-                let rests = self.reference.rests_within(SpanNs(2 * TICK.0));
-                let (reference, ready) = (self.reference.state(), !self.probes);
-                self.posture.motion_command(reference, (rests, ready), self.pace(), &self.arm.limits)
-            }
+            (Some(state), State::Moving, _) => self.motion_asked_for(now, state),
             (Some(_), ..) => self.motion_back(now),
             _ => MotionCommand::Stand,
         };
@@ -298,7 +297,7 @@ impl<const N: usize> Controller<N> {
     }
 
     /// Updates the lifecycle by the view and by whether there is a posture to return to.
-    fn live(&mut self, state: Option<&DriveState<N>>, confidence: f64, way_back: bool) {
+    fn live(&mut self, now: MonoNs, state: Option<&DriveState<N>>, confidence: f64, way_back: bool) {
         let before = self.state;
         if let Some(fault) = self.failure.take() {
             self.fault.get_or_insert(fault);
@@ -318,20 +317,31 @@ impl<const N: usize> Controller<N> {
             State::Holding => self.has_returned || before == State::Returning,
             _ => false,
         };
-        let moves = self.state == State::Moving;
-        if moves && self.posture.is_over(&self.reference.state().q) {
-            self.cue(Cue::Arrived);
+        if self.state == State::Moving {
+            if self.posture.is_over(&self.reference.state().q) {
+                self.cue(Cue::Arrived);
+            } else if self.velocity.is_over(now, self.rests()) {
+                self.cue(Cue::Silent);
+            }
         }
         if self.state != State::Moving {
             self.posture.end();
+            self.velocity.end();
         }
-        let begins = (self.state == State::Servoing && before != State::Servoing) || self.posture.is_new();
+        let begins = (self.state == State::Servoing && before != State::Servoing)
+            || self.posture.is_new()
+            || self.velocity.is_new();
         if let Some(state) = state.filter(|_| begins) {
             self.reset_to_measured(state);
             self.watch.restart();
             self.contact_watch.restart();
             self.begin_in_space(state);
         }
+    }
+
+    /// Whether the reference rests, and comes to no motion by what it has.
+    fn rests(&self) -> bool {
+        self.reference.rests_within(SpanNs(2 * TICK.0))
     }
 
     fn cue(&mut self, cue: Cue) {
@@ -343,6 +353,7 @@ impl<const N: usize> Controller<N> {
                 (State::Holding | State::Returning, State::Servoing) => Some(Event::Resumed),
                 (State::Teaching, State::Held) => Some(Event::Taught),
                 (State::Moving, State::Held) if cue == Cue::Arrived => Some(Event::Arrived),
+                (State::Moving, State::Held) if cue == Cue::Silent => Some(Event::VelocityEnded),
                 _ => None,
             };
             event.into_iter().for_each(|event| self.events.push(event));

@@ -1,12 +1,14 @@
 //! Requests of clients and orders of the mission. They take effect from the next step on.
 
 use super::Controller;
-use crate::control::behaviour::CommandedMotion;
+use crate::control::behaviour::{CommandedMotion, MotionCommand};
 use crate::control::lifecycle::{Cue, Refusal, Request, State, Step};
 use crate::control::safety::Fault;
 use crate::control::trace::Event;
+use crate::drive::DriveState;
 use crate::motion::ExcitationMotion;
 use crate::servo::SetPoint;
+use crate::time::{MonoNs, SpanNs};
 use nalgebra::SVector;
 
 /// Factor of the disturbance estimation rate each time that an arm oscillates. Chosen by hand: nearer to 1 an arm oscillates for more rounds before
@@ -94,7 +96,32 @@ impl<const N: usize> Controller<N> {
 
     /// Moves to the posture `q`, rad or m, in the state `Moving`.
     pub fn go_to(&mut self, q: &SVector<f64, N>) {
+        self.velocity.end();
         self.posture.begin(q);
+    }
+
+    /// Moves by `motion`, and brakes after `hold` unless the next one has come, in the state `Moving`.
+    pub fn move_by(&mut self, motion: CommandedMotion<N>, hold: SpanNs) {
+        self.posture.end();
+        self.velocity.command(motion, hold);
+    }
+
+    /// Whether a client's velocities move the arm.
+    #[must_use]
+    pub fn moves_by_velocities(&self) -> bool {
+        self.velocity.is_active()
+    }
+
+    /// The motion command of a client's motion at this tick, in the state `Moving`.
+    pub(super) fn motion_asked_for(&mut self, now: MonoNs, state: &DriveState<N>) -> MotionCommand<N> {
+        let may_move = (self.rests(), !self.probes);
+        if self.velocity.is_active() {
+            let cell = (&self.arm, &self.servo.settings().mount);
+            self.velocity.motion_command(now, state, may_move, cell)
+        } else {
+            let pace = self.pace();
+            self.posture.motion_command(self.reference.state(), may_move, pace, &self.arm.limits)
+        }
     }
 
     /// Sets the gain of a resolved-velocity law, 1/s, where it has a single one.

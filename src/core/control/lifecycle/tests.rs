@@ -3,7 +3,7 @@
 use super::*;
 use std::collections::{HashMap, HashSet};
 
-const CUES: [Cue; 21] = [
+const CUES: [Cue; 23] = [
     Cue::Request(Request::Start),
     Cue::Request(Request::Hold),
     Cue::Request(Request::Teach),
@@ -14,12 +14,14 @@ const CUES: [Cue; 21] = [
     Cue::Request(Request::Goto),
     Cue::Request(Request::Jog),
     Cue::Request(Request::Set),
+    Cue::Request(Request::Velocity),
     Cue::InView,
     Cue::OutOfView,
     Cue::WayBack,
     Cue::Returned,
     Cue::Taught,
     Cue::Arrived,
+    Cue::Silent,
     Cue::AtRest,
     Cue::Failed,
     Cue::RobotClears,
@@ -29,19 +31,19 @@ const CUES: [Cue; 21] = [
 
 /// A row for each state and a column for each cue: `.` where nothing happens, the first letters of the next state, or a refusal in capitals.
 const TABLE: &str = "
-          start     hold      teach     reset     stop      shutdown  goal      goto      jog       set       in_view   no_view   way_back  returned  taught    arrived   at_rest   failed    clears    ready     stays
-Idle      Waiting   NOSTART   Teaching  NOFAULT   .         Stopping  .         Moving    Moving    .         .         .         .         .         .         .         .         Failing   .         .         .
-Waiting   STARTED   Held      Teaching  NOFAULT   Stopping  Stopping  .         Moving    Moving    .         Servoing  .         .         .         .         .         .         Failing   .         .         .
-Teaching  TEACHING  Held      .         NOFAULT   Stopping  Stopping  TEACHING  TEACHING  TEACHING  .         .         .         .         .         Held      .         .         Failing   .         .         .
-Servoing  STARTED   Held      Teaching  NOFAULT   Stopping  Stopping  .         Moving    Moving    .         .         Holding   .         .         .         .         .         Failing   .         .         .
-Holding   STARTED   Held      Teaching  NOFAULT   Stopping  Stopping  .         Moving    Moving    .         Servoing  .         Returning .         .         .         .         Failing   .         .         .
-Returning STARTED   Held      Teaching  NOFAULT   Stopping  Stopping  .         Moving    Moving    .         Servoing  .         .         Holding   .         .         .         Failing   .         .         .
-Moving    MOVING    Held      MOVING    NOFAULT   Stopping  Stopping  .         .         .         .         .         .         .         .         .         Held      .         Failing   .         .         .
-Held      Waiting   .         Teaching  NOFAULT   Stopping  Stopping  .         Moving    Moving    .         .         .         .         .         .         .         .         Failing   .         .         .
-Stopping  MOVING    MOVING    MOVING    NOFAULT   .         .         .         MOVING    MOVING    .         .         .         .         .         .         .         Idle      Failing   .         .         .
-Failing   INFAULT   INFAULT   INFAULT   MOVING    .         .         INFAULT   INFAULT   INFAULT   .         .         .         .         .         .         .         Fault     .         .         .         .
-Fault     INFAULT   INFAULT   INFAULT   Idle      .         .         INFAULT   INFAULT   INFAULT   .         .         .         .         .         .         .         .         .         Clearing  .         .
-Clearing  INFAULT   INFAULT   INFAULT   .         Fault     Fault     INFAULT   INFAULT   INFAULT   .         .         .         .         .         .         .         .         Fault     .         Idle      Fault
+          start     hold      teach     reset     stop      shutdown  goal      goto      jog       set       velocity  in_view   no_view   way_back  returned  taught    arrived   silent    at_rest   failed    clears    ready     stays
+Idle      Waiting   NOSTART   Teaching  NOFAULT   .         Stopping  .         Moving    Moving    .         Moving    .         .         .         .         .         .         .         .         Failing   .         .         .
+Waiting   STARTED   Held      Teaching  NOFAULT   Stopping  Stopping  .         Moving    Moving    .         Moving    Servoing  .         .         .         .         .         .         .         Failing   .         .         .
+Teaching  TEACHING  Held      .         NOFAULT   Stopping  Stopping  TEACHING  TEACHING  TEACHING  .         TEACHING  .         .         .         .         Held      .         .         .         Failing   .         .         .
+Servoing  STARTED   Held      Teaching  NOFAULT   Stopping  Stopping  .         Moving    Moving    .         Moving    .         Holding   .         .         .         .         .         .         Failing   .         .         .
+Holding   STARTED   Held      Teaching  NOFAULT   Stopping  Stopping  .         Moving    Moving    .         Moving    Servoing  .         Returning .         .         .         .         .         Failing   .         .         .
+Returning STARTED   Held      Teaching  NOFAULT   Stopping  Stopping  .         Moving    Moving    .         Moving    Servoing  .         .         Holding   .         .         .         .         Failing   .         .         .
+Moving    MOVING    Held      MOVING    NOFAULT   Stopping  Stopping  .         .         .         .         .         .         .         .         .         .         Held      Held      .         Failing   .         .         .
+Held      Waiting   .         Teaching  NOFAULT   Stopping  Stopping  .         Moving    Moving    .         Moving    .         .         .         .         .         .         .         .         Failing   .         .         .
+Stopping  MOVING    MOVING    MOVING    NOFAULT   .         .         .         MOVING    MOVING    .         MOVING    .         .         .         .         .         .         .         Idle      Failing   .         .         .
+Failing   INFAULT   INFAULT   INFAULT   MOVING    .         .         INFAULT   INFAULT   INFAULT   .         INFAULT   .         .         .         .         .         .         .         Fault     .         .         .         .
+Fault     INFAULT   INFAULT   INFAULT   Idle      .         .         INFAULT   INFAULT   INFAULT   .         INFAULT   .         .         .         .         .         .         .         .         .         Clearing  .         .
+Clearing  INFAULT   INFAULT   INFAULT   .         Fault     Fault     INFAULT   INFAULT   INFAULT   .         INFAULT   .         .         .         .         .         .         .         .         Fault     .         Idle      Fault
 ";
 
 fn step_of(word: &str) -> Step {
@@ -84,8 +86,7 @@ fn the_arm_servoes_only_after_a_start_and_never_from_a_fault() {
         }
     }
     // Without a request for it nothing moves, whatever else happens.
-    const SENDS: [Cue; 3] =
-        [Cue::Request(Request::Start), Cue::Request(Request::Goto), Cue::Request(Request::Jog)];
+    let sends = [Request::Start, Request::Goto, Request::Jog, Request::Velocity].map(Cue::Request);
     for from in [
         State::Idle,
         State::Fault,
@@ -97,7 +98,7 @@ fn the_arm_servoes_only_after_a_start_and_never_from_a_fault() {
     ] {
         let (mut seen, mut open) = (HashSet::from([from]), vec![from]);
         while let Some(state) = open.pop() {
-            for cue in CUES.into_iter().filter(|cue| !SENDS.contains(cue)) {
+            for cue in CUES.into_iter().filter(|cue| !sends.contains(cue)) {
                 if let Step::To(next) = state.next(cue)
                     && seen.insert(next)
                 {

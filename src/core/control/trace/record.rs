@@ -95,7 +95,7 @@ pub fn event_words(events: u32) -> impl Iterator<Item = &'static str> {
 }
 
 /// [`Event::as_str`] by [`event_number`].
-const EVENT_WORDS: [&str; 20] = [
+const EVENT_WORDS: [&str; 21] = [
     "holding",
     "resumed",
     "stopping",
@@ -116,6 +116,7 @@ const EVENT_WORDS: [&str; 20] = [
     "arrived",
     "robot_ready",
     "robot_not_cleared",
+    "velocity_ended",
 ];
 
 fn event_number(event: Event) -> u32 {
@@ -140,6 +141,7 @@ fn event_number(event: Event) -> u32 {
         Event::Arrived => 17,
         Event::RobotReady => 18,
         Event::RobotNotCleared => 19,
+        Event::VelocityEnded => 20,
     }
 }
 
@@ -172,6 +174,7 @@ mod tests {
             Arrived,
             RobotReady,
             RobotNotCleared,
+            VelocityEnded,
         ];
         for event in all {
             let words: Vec<_> = event_words(1 << event_number(event)).collect();
