@@ -48,11 +48,8 @@ const MEASUREMENTS: usize = 64;
 const REQUESTS: usize = 32;
 /// The companion looks after the rings at least so often.
 const COMPANION_PERIOD: Duration = Duration::from_millis(1);
-/// The states of an external drive wake the companion, and its commands do not, so that the companion must look more often: a fifth of a
-/// tick, so that a command is at most that much late. Chosen by hand.
-const COMPANION_PERIOD_WITH_DRIVE: Duration = Duration::from_micros(200);
-/// Between two tries of what has failed; a fifth of a tick, as with a drive.
-const PAUSE_WHEN_BROKEN: Duration = COMPANION_PERIOD_WITH_DRIVE;
+/// Between two tries of what has failed: a fifth of a tick. Chosen by hand: an external drive that must brake hears of it as soon as it can.
+const PAUSE_WHEN_BROKEN: Duration = Duration::from_micros(200);
 /// Time without measurements after which that is reported. Chosen by hand, for people.
 const REPORT_AFTER: SpanNs = SpanNs(3_000_000_000);
 
@@ -140,7 +137,7 @@ pub(super) fn run<const N: usize>(
         ports.membership.beat();
         let carried = companion.carry();
         let waited = match &mut drive {
-            Some(drive) => drive.carry(COMPANION_PERIOD_WITH_DRIVE),
+            Some(drive) => drive.carry(),
             None => ports.wake_listener.wait(COMPANION_PERIOD).map_err(ProcessError::from),
         };
         let Err(error) = carried.and(waited) else { continue };
