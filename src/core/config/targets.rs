@@ -4,6 +4,7 @@ use super::Config;
 use super::check::Validation;
 use super::estimation::is_asked_for;
 use super::gains::law;
+use super::named_goal::{ProgramGoal, TargetGoal};
 use super::raw::{Depth, RawConfig, SceneMotionKind, SchemeKind, Task};
 use super::selection::selection;
 use super::target::target;
@@ -34,6 +35,37 @@ impl Config {
     pub fn targets(&self) -> impl Iterator<Item = (&str, &Target)> {
         let further = self.further_targets.iter().map(|further| (further.name.as_str(), &further.target));
         std::iter::once((FIRST_TARGET, &self.target)).chain(further)
+    }
+
+    /// The cell whose goal is `goal`, with the target of that in place of the first one, where it lies; `None` where the goal is no view of it.
+    #[must_use]
+    pub fn with_goal(&self, goal: &TargetGoal) -> Option<Self> {
+        let mut config = self.clone();
+        let is_it = |further: &FurtherTarget| Some(&further.name) == goal.target.as_ref();
+        if let Some(i) = self.further_targets.iter().position(is_it) {
+            let further = self.further_targets.get(i)?;
+            (config.target, config.set_point) = (further.target.clone(), further.set_point.clone());
+            if let Some(scene) = &mut config.scene {
+                (scene.target, scene.X_WO) = scene.further_targets.get(i)?.clone();
+            }
+        }
+        config.set_point = match &goal.goal {
+            ProgramGoal::Present => config.set_point,
+            ProgramGoal::Taught(file) => {
+                let s_d: Vec<_> = file.features.iter().map(|feature| feature.s.into()).collect();
+                config.set_point.seen_at(&s_d)?
+            }
+            ProgramGoal::Pose(X_DO) => config.set_point.at_pose(X_DO)?,
+        };
+        config.goal.is_taught = false;
+        config.servo.path = None;
+        Some(config)
+    }
+
+    /// The goals of `[goals]`, by name.
+    pub fn named_goals(&self) -> impl Iterator<Item = (&str, TargetGoal)> {
+        let goals = self.effective.goals.iter();
+        goals.filter_map(|(name, raw)| Some((name.as_str(), raw.clone().checked()?)))
     }
 }
 

@@ -179,23 +179,11 @@ impl<const N: usize> Mission<N> {
                     return Err(Refusal::WrongNumbers);
                 }
                 let s_d: Vec<_> = numbers.chunks_exact(2).map(Vector2::from_column_slice).collect();
-                let depths_m = before.depths_m();
-                let z_d_m = depths_m.iter().sum::<f64>() / depths_m.len() as f64;
-                let found =
-                    SetPoint::from_features(&s_d, before.points(), z_d_m).ok_or(Refusal::OutOfView)?;
-                let near = before.X_DO().filter(|_| found.X_DO().is_none());
-                near.and_then(|X_DO| found.posed_near(X_DO)).unwrap_or(found)
+                before.seen_at(&s_d)
             }
-            CommandForm::Pose => {
-                let X_DO = pose_of(numbers)?;
-                SetPoint::from_pose(&X_DO, before.points()).ok_or(Refusal::OutOfView)?
-            }
+            CommandForm::Pose => before.at_pose(&pose_of(numbers)?),
             _ => return Err(Refusal::WrongNumbers),
         };
-        let goal = goal
-            .with_target(target)
-            .with_ids(before.ids())
-            .and_then(|goal| goal.with_selection(*before.selection()));
         goal.filter(|goal| self.is_in_view(goal)).ok_or(Refusal::OutOfView)
     }
 

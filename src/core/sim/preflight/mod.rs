@@ -11,12 +11,14 @@
 //! the goal as it is believed.
 
 mod law;
+mod named_goals;
 mod path;
 mod reach;
 mod space;
 mod stability;
 mod words;
 
+pub use named_goals::NamedGoalAhead;
 pub use path::GoalPathAhead;
 pub use reach::{CameraPath, Posture, Reach};
 pub use space::SpaceAhead;
@@ -60,6 +62,11 @@ pub struct Preflight {
     /// Joints whose rotor inertia the robot file does not tell, with what it is likely to be; `None` where nothing is missing, and for drives that are not commanded
     /// by torques.
     pub rotors: Option<String>,
+    /// The goals that the run file has names for.
+    pub goals: Vec<NamedGoalAhead>,
+    /// Postures with names to which the arm is not sent, in words.
+    #[serde(skip)]
+    pub postures: Vec<String>,
     /// What was left out, and why.
     pub notes: Vec<&'static str>,
     /// Whether the object rests, so that what is seen now stays true.
@@ -114,10 +121,16 @@ impl Preflight {
     /// # Errors
     /// [`RobotError`] when an arm cannot be built.
     pub fn of(config: &Config) -> Result<Self, RobotError> {
-        crate::dispatch_robot!(config.robot, |robot| Self::of_arm(config, &robot))?
+        crate::dispatch_robot!(config.robot, |robot| {
+            let mut preflight = Self::of_goal(config, &robot)?;
+            preflight.goals = NamedGoalAhead::all(config, &robot)?;
+            preflight.postures = named_goals::postures_outside(config, &robot);
+            Ok(preflight)
+        })?
     }
 
-    fn of_arm<const N: usize>(config: &Config, robot: &Robot<N>) -> Result<Self, RobotError> {
+    /// The same without what has a name.
+    fn of_goal<const N: usize>(config: &Config, robot: &Robot<N>) -> Result<Self, RobotError> {
         let q_start = SVector::<f64, N>::from_fn(|i, _| config.start.q.get(i).copied().unwrap_or_default());
         let start = config.scene.as_ref().map(|scene| start(config, scene, &q_start)).transpose()?;
         let taught = config.goal.is_taught;
@@ -145,6 +158,8 @@ impl Preflight {
             space: None,
             overload: None,
             rotors: rotors(config),
+            goals: Vec::new(),
+            postures: Vec::new(),
             notes: notes(config),
             object_rests: config.scene.as_ref().is_none_or(|scene| scene.motion == SceneMotion::Still),
         };
@@ -207,7 +222,13 @@ impl Preflight {
         let unstable = unstable.map(|stability| ("servo.depth", words::unstable(stability)));
         let overload = self.overload.clone().map(|message| ("robot.model", message));
         let doubts = cut.chain(way).map(|message| ("servo.desired", message));
-        doubts.chain(unstable).chain(overload).collect()
+        let of_goal = |goal: &NamedGoalAhead| {
+            let told = |doubt| ("goals", format!("`{}`: {doubt}", goal.name));
+            goal.doubts.iter().map(told).collect::<Vec<_>>()
+        };
+        let named = self.goals.iter().flat_map(of_goal);
+        let postures = self.postures.iter().map(|posture| ("postures", posture.clone()));
+        doubts.chain(unstable).chain(overload).chain(named).chain(postures).collect()
     }
 
     /// What is wrong with the view at the goal, and whether that makes the run futile: a target that is tracked already goes on with

@@ -221,3 +221,57 @@ fn rotors_that_no_file_tells_are_told() {
     assert!(told.contains("wrist_3_joint 0.18"), "{told}");
     assert_eq!(preflight("ur5.toml", &["drive.mode=position"]).rotors, None);
 }
+
+/// Goals that have names are looked at like the one of the run, each with its own target where that lies.
+#[test]
+fn goals_and_postures_with_names_are_looked_at() {
+    let bin = [
+        "targets.bin.kind=tags",
+        "targets.bin.tags={size_m=0.06,first_id=7}",
+        "scene.objects.bin={position_m=[1.12,1.24,1.0],rotation_rpy_deg=[0,0,45]}",
+    ];
+    let names = [
+        "goals.near={position_m=[-0.05,-0.05,0.5],rotation_rpy_deg=[0,0,-60]}",
+        "goals.far={position_m=[-0.05,-0.05,1.6],rotation_rpy_deg=[0,0,-60]}",
+        "goals.bin={target=\"bin\",position_m=[0,0,0.5],rotation_rpy_deg=[0,0,-60]}",
+        "goals.bin_tilted={target=\"bin\",position_m=[0,0,0.5],rotation_rpy_deg=[10,0,0]}",
+        "goals.beside={target=\"bin\",position_m=[0.6,0,0.5]}",
+        "postures.home={q_rad_or_m=[0,1.5,0.4,0]}",
+        "postures.beyond={q_rad_or_m=[0,1.5,40,0]}",
+    ];
+    let set: Vec<_> = bin.into_iter().chain(names).map(ToOwned::to_owned).collect();
+    let config = Config::load(Some(&shipped("default.toml")), &set).unwrap();
+    let preflight = Preflight::of(&config).unwrap();
+    let named = |name: &str| preflight.goals.iter().find(|goal| goal.name == name).unwrap();
+    // The posture of a goal shows that goal: by the arm's own kinematics, at where the target of it lies.
+    for (name, X_WO) in
+        [("near", config.X_WO().unwrap()), ("bin", config.scene.as_ref().unwrap().further_targets[0].1)]
+    {
+        let Reach::Within(posture) = &named(name).reach else { panic!("{name}: {:?}", named(name)) };
+        let X_BE = crate::dispatch_robot!(config.robot, |arm| arm
+            .forward(&nalgebra::SVector::from_column_slice(&posture.q)))
+        .unwrap();
+        let X_CO = config.camera.mount.X_WC(&X_BE).inv_mul(&X_WO);
+        let wanted = Pose::new(
+            [if name == "near" { -0.05 } else { 0.0 }, if name == "near" { -0.05 } else { 0.0 }, 0.5].into(),
+            [0.0, 0.0, -60.0_f64.to_radians()].into(),
+        );
+        let off = X_CO.inv_mul(&wanted);
+        assert!(off.translation.vector.norm() < 1e-4 && off.rotation.angle() < 1e-4, "{name}: {off}");
+        assert!(named(name).doubts.is_empty(), "{:?}", named(name));
+    }
+    for (name, words) in [
+        ("far", "the arm cannot bring the camera there"),
+        ("bin_tilted", "10.00 deg off"),
+        ("beside", "in the desired view"),
+    ] {
+        let told = named(name).doubts.join("; ");
+        assert!(told.contains(words), "{name}: {told}");
+    }
+    let doubts: Vec<_> =
+        preflight.doubts().into_iter().filter(|(key, _)| ["goals", "postures"].contains(key)).collect();
+    assert!(doubts.iter().any(|(_, told)| told.starts_with("`far`: ")), "{doubts:?}");
+    assert!(doubts.iter().any(|(key, told)| *key == "postures" && told.contains("`beyond`")), "{doubts:?}");
+    assert!(!doubts.iter().any(|(_, told)| told.contains("`home`")), "{doubts:?}");
+    assert!(preflight.faults().is_empty(), "{:?}", preflight.faults());
+}

@@ -24,6 +24,7 @@ pub(super) fn lines(preflight: &Preflight) -> Vec<String> {
     }
     lines.extend(preflight.path.iter().map(|path| format!("  path:  {}", path.line())));
     lines.extend(preflight.space.iter().map(|space| format!("  space: {}", space.line())));
+    lines.extend(preflight.goals.iter().map(|goal| format!("  goals: {}", goal.line())));
     lines.extend(preflight.depth.iter().map(|depth| format!("  depth: {depth}")));
     if let Some([condition, slowest]) = preflight.stability.as_ref().map(stability) {
         lines.extend([format!("  law:   {condition}"), format!("         {slowest}")]);
@@ -124,7 +125,7 @@ fn ends(limits: &[(String, &'static str)]) -> String {
     ends.join(", ")
 }
 
-fn reach(reach: &Reach) -> String {
+pub(super) fn reach(reach: &Reach) -> String {
     match reach {
         Reach::Unasked { why } => format!("not looked at: {why}"),
         Reach::Within(Posture { q, nearest_limit, .. }) => {
