@@ -116,6 +116,14 @@ impl<const N: usize> LookAndMove<N> {
         }
     }
 
+    /// The goal is another one: what was sought for the old one is so no more, and that there was no posture for it says nothing of this one. A motion that is
+    /// under way ends first.
+    pub(super) fn forget_search(&mut self) {
+        if matches!(self.phase, Phase::Planning(_) | Phase::NoPosture) {
+            self.phase = Phase::Looking(None);
+        }
+    }
+
     /// Takes in a usable measurement with its feature error, px, of an arm in `q`, rad or m. At the goal there is nothing to do, once the arm
     /// has moved.
     pub(super) fn look(&mut self, m: &Measurement, error_px: f64, q: &SVector<f64, N>, goal: &Goal) {
@@ -227,5 +235,14 @@ mod tests {
             assert_eq!(task.next_waypoint(), None);
         }
         assert_eq!(task.refused(), Some(NO_POSTURE));
+        // Another goal, of a served run: a view that it can show is gone for.
+        task.forget_search();
+        assert_eq!(task.refused(), None);
+        task.note_arm(MonoNs(100 * MS), ControlState::Servoing, true);
+        task.look(&measurement(120, &X_DO, 0.02), 30.0, &q, &goal);
+        assert!(task.next_waypoint().is_some());
+        task.forget_search();
+        task.look(&measurement(140, &X_DO, 0.02), 30.0, &q, &goal);
+        assert_eq!(task.next_waypoint(), None, "a motion that is under way ends first");
     }
 }

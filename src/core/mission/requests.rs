@@ -133,6 +133,9 @@ impl<const N: usize> Mission<N> {
     /// The goal is another one from now on, and rests.
     pub(super) fn set_goal(&mut self, set_point: SetPoint) {
         self.plan.path = None;
+        if let RunTask::LookAndMove(task) = &mut self.task {
+            task.forget_search();
+        }
         if set_point.target() != self.goal.set_point.target() {
             self.measurements.forget_view();
         }
