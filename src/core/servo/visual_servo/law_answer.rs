@@ -43,7 +43,7 @@ impl ServoSettings {
         // What moves along with the object does not move in the image: the guard would hold the arm back from it.
         let beside = Arm { qd: arm.qd - along, ..arm };
         let mut answer = self.answer(pursuit, (&view, &task), &beside, secondary.as_ref())?;
-        if let LawOutput::Velocity(qd) = &mut answer.law_output {
+        if let (LawOutput::Velocity(qd), true) = (&mut answer.law_output, object.is_some()) {
             answer.convergence.feed_forward = along;
             *qd += along;
         }
