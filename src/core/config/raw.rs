@@ -214,6 +214,12 @@ word! {
         Conveyor,
         /// To and fro.
         Pendulum,
+        /// On a circle.
+        Circle,
+        /// By turns with constant velocity and at rest.
+        StopAndGo,
+        /// One leap to another place.
+        Jump,
     }
 }
 
@@ -222,12 +228,24 @@ table! {
     RawSceneMotion {
         /// Kind of motion.
         kind: SceneMotionKind = SceneMotionKind::Still,
-        /// Conveyor: velocity in the base frame, m/s.
+        /// Conveyor, and stop and go while it moves: velocity in the base frame, m/s.
         velocity_m_s: [f64; 3] = [0.0, 0.05, 0.0],
         /// Pendulum: largest displacement in the base frame, m.
         amplitude_m: [f64; 3] = [0.0, 0.05, 0.0],
-        /// Pendulum: swings per second.
+        /// Pendulum and circle: swings or turns per second.
         frequency_hz: f64 = 0.2,
+        /// Circle: from the target's first place to the centre, in the base frame, m.
+        radius_m: [f64; 3] = [0.0, 0.1, 0.0],
+        /// Circle: axis in the base frame about which the target goes, at right angles to the radius.
+        axis: [f64; 3] = [0.0, 0.0, 1.0],
+        /// Stop and go: how long it moves, s.
+        moving_s: f64 = 1.0,
+        /// Stop and go: how long it rests after each motion, s.
+        resting_s: f64 = 1.0,
+        /// Jump: displacement in the base frame, m.
+        displacement_m: [f64; 3] = [0.0, 0.05, 0.0],
+        /// Jump: when, s after the first tick.
+        at_s: f64 = 2.0,
     }
 }
 

@@ -7,6 +7,7 @@ mod held_torque;
 mod lens;
 mod motion;
 mod names;
+mod scene_motion;
 mod start;
 mod truth;
 mod workspace;
@@ -14,8 +15,7 @@ mod workspace;
 use super::check::Validation;
 use super::estimation::is_asked_for;
 use super::raw::{
-    Carrier, Clock, DriveKind, MountKind, RawConfig, RealtimePolicy, SceneMotionKind, SchemeKind,
-    SetPointKind, Task,
+    Carrier, Clock, DriveKind, MountKind, RawConfig, RealtimePolicy, SchemeKind, SetPointKind, Task,
 };
 use super::selection::doubtful_features;
 use super::servo::{doubtful_dimension, doubtful_held_gain, servo};
@@ -78,7 +78,7 @@ pub(super) fn validate(
     if let Some(why) = raw.camera.source.timing().refusal(raw.run.clock) {
         check.wrong("run.clock", why);
     }
-    let scene_motion = scene_motion(&raw, check);
+    let scene_motion = scene_motion::scene_motion(&raw, check);
     if raw.run.serve && raw.run.task != Task::Servo {
         check.wrong("run.serve", "needs run.task = \"servo\"");
     }
@@ -281,23 +281,6 @@ pub(super) fn validate(
         warnings: check.take_warnings(),
         effective: raw,
     })
-}
-
-fn scene_motion(raw: &RawConfig, check: &mut Validation<'_>) -> SceneMotion {
-    let motion = &raw.scene.motion;
-    for (key, list) in [("velocity_m_s", &motion.velocity_m_s), ("amplitude_m", &motion.amplitude_m)] {
-        for (i, v) in list.iter().enumerate() {
-            check.range(&format!("scene.motion.{key}[{i}]"), *v, -10.0..=10.0);
-        }
-    }
-    let frequency_hz = check.range("scene.motion.frequency_hz", motion.frequency_hz, 0.0..=10.0);
-    match motion.kind {
-        SceneMotionKind::Still => SceneMotion::Still,
-        SceneMotionKind::Conveyor => SceneMotion::Conveyor { velocity_m_s: motion.velocity_m_s.into() },
-        SceneMotionKind::Pendulum => {
-            SceneMotion::Pendulum { amplitude_m: motion.amplitude_m.into(), frequency_hz }
-        }
-    }
 }
 
 /// The silence of a control that runs after which a guardian stops the arm, ms: as long as control itself may miss deadlines.

@@ -13,6 +13,9 @@
 //! normalized squared innovations shows (1 for a consistent filter); the part of it that is not significant against its covariance is set
 //! to zero, so that an object at rest has no estimated motion. Between both filters the velocity is interpolated by that mean. Where a third one, which
 //! estimates the acceleration of the place too, foretells measurements better ([`acceleration`]), that is believed.
+//!
+//! An object that is put elsewhere between two measurements leaps: it has a new place and the velocity that it had. What would need a velocity of its own beyond 1 m/s is taken for a leap
+//! once; where the next measurement is as far off again, it was speed.
 
 mod acceleration;
 
@@ -67,6 +70,8 @@ pub struct ObjectMotion {
     misfit: [f64; 2],
     /// Of a place that accelerates.
     accelerating: Option<AcceleratingPlace>,
+    /// Whether the last measurement was taken for a leap.
+    leapt: bool,
     /// The agile filter's pose with the velocity interpolated between both filters.
     believed: Option<Estimate>,
 }
@@ -111,6 +116,14 @@ impl Half {
         self.P = F * self.P * F.transpose() + Q;
     }
 
+    /// The three values are measured anew, with covariance `R`, and tell nothing of their rates.
+    fn leap(&mut self, R: &Matrix3<f64>) {
+        let rates: Matrix3<f64> = self.P.fixed_view::<3, 3>(3, 3).into();
+        self.P = Matrix6::zeros();
+        self.P.fixed_view_mut::<3, 3>(0, 0).copy_from(R);
+        self.P.fixed_view_mut::<3, 3>(3, 3).copy_from(&rates);
+    }
+
     /// The corrections of the three values and of their rates for an innovation with covariance `R`, and its square in units of
     /// what was expected, by degree of freedom.
     fn correct(
@@ -148,7 +161,15 @@ impl ObjectMotion {
     /// An estimator without measurements.
     #[must_use]
     pub fn new(dynamics: ObjectDynamics) -> Self {
-        Self { dynamics, estimate: None, quiet: None, misfit: [1.0; 2], accelerating: None, believed: None }
+        Self {
+            dynamics,
+            estimate: None,
+            quiet: None,
+            misfit: [1.0; 2],
+            accelerating: None,
+            leapt: false,
+            believed: None,
+        }
     }
 
     /// Takes a pose `X_WO` measured at `stamp`, with the covariance of its twist `[v; w]` expressed in W (m, rad).
@@ -167,16 +188,20 @@ impl ObjectMotion {
             Some(e) if stamp <= e.stamp => {}
             Some(e) if (stamp - e.stamp).as_s() <= LONGEST_GAP_S => {
                 let p = X_WO.translation.vector;
+                let innovation = p - e.at(stamp).translation.vector;
+                self.leapt = !self.leapt && e.leaps(stamp, &innovation, &R_place);
+                let leaps = self.leapt;
                 if let Some(place) = &mut self.accelerating {
-                    let innovation = p - e.at(stamp).translation.vector;
-                    let seen = (&p, R_place.trace() / 3.0);
-                    place.observe(stamp, seen, self.dynamics.acceleration_m_s2, &innovation);
+                    let (seen, acceleration) = ((&p, R_place.trace() / 3.0), self.dynamics.acceleration_m_s2);
+                    place.observe(stamp, seen, acceleration, Some(&innovation).filter(|_| !leaps));
                 }
-                e.update(stamp, X_WO, &R_place, &R_orientation, self.dynamics);
+                let covariances = (&R_place, &R_orientation);
+                e.update(stamp, X_WO, covariances, self.dynamics, leaps);
                 let agile = *e;
                 if let Some(quiet) = &mut self.quiet {
-                    let squares = quiet.update(stamp, X_WO, &R_place, &R_orientation, self.dynamics.quiet());
+                    let squares = quiet.update(stamp, X_WO, covariances, self.dynamics.quiet(), leaps);
                     for (misfit, square) in self.misfit.iter_mut().zip(squares) {
+                        let Some(square) = square else { continue };
                         *misfit += (square.min(JUDGED * FITS.1) - *misfit) / JUDGED;
                     }
                 }
@@ -194,7 +219,7 @@ impl ObjectMotion {
                     speed_is_seen: false,
                 });
                 (self.estimate, self.quiet, self.believed) = (first, first, first);
-                self.misfit = [1.0; 2];
+                (self.misfit, self.leapt) = ([1.0; 2], false);
                 self.accelerating = Some(AcceleratingPlace::first(
                     stamp,
                     X_WO.translation.vector,
@@ -298,15 +323,24 @@ impl Estimate {
         )
     }
 
-    /// Corrects the filter by a measured pose. Returns the squared innovations of position and orientation as [`Half::correct`] gives them.
+    /// Whether a place that was measured at `stamp` with the covariance `R_place`, and lies off the predicted one by `innovation` (m), is that of an object that was put elsewhere: no speed that it may
+    /// have leads there, nor noise.
+    fn leaps(&self, stamp: MonoNs, innovation: &Vector3<f64>, R_place: &Matrix3<f64>) -> bool {
+        let is_far = innovation.norm() > FIRST_SPEED * (stamp - self.stamp).as_s();
+        let square = || R_place.try_inverse().map_or(0.0, |inverse| innovation.dot(&(inverse * innovation)));
+        self.speed_is_seen && is_far && square() > SIGNIFICANT.1
+    }
+
+    /// Corrects the filter by a measured pose with the covariances of place and orientation, or moves it there where the place `leaps`. Returns the squared innovations of position and orientation
+    /// as [`Half::correct`] gives them, of a leap none.
     fn update(
         &mut self,
         stamp: MonoNs,
         measured: &Pose,
-        R_place: &Matrix3<f64>,
-        R_orientation: &Matrix3<f64>,
+        (R_place, R_orientation): (&Matrix3<f64>, &Matrix3<f64>),
         dynamics: ObjectDynamics,
-    ) -> [f64; 2] {
+        leaps: bool,
+    ) -> [Option<f64>; 2] {
         let dt = (stamp - self.stamp).as_s();
         let predicted = self.at(stamp);
         self.place.predict(dt, dynamics.acceleration_m_s2);
@@ -315,16 +349,19 @@ impl Estimate {
         let turn = (measured.rotation * predicted.rotation.inverse()).scaled_axis();
         (self.stamp, self.X_WO) = (stamp, predicted);
         self.speed_is_seen = true;
-        let mut squares = [0.0; 2];
-        if let Some((p, v, square)) = self.place.correct(&off, R_place) {
+        let mut squares = [None; 2];
+        if leaps {
+            self.X_WO.translation = measured.translation;
+            self.place.leap(R_place);
+        } else if let Some((p, v, square)) = self.place.correct(&off, R_place) {
             self.X_WO.translation.vector += p;
             self.v += v;
-            squares[0] = square;
+            squares[0] = Some(square);
         }
         if let Some((angle, w, square)) = self.orientation.correct(&turn, R_orientation) {
             self.X_WO.rotation = UnitQuaternion::from_scaled_axis(angle) * self.X_WO.rotation;
             self.w += w;
-            squares[1] = square;
+            squares[1] = Some(square);
         }
         squares
     }

@@ -44,13 +44,13 @@ impl AcceleratingPlace {
     }
 
     /// Takes in the place `p` (m) at `stamp` with the variance `r` (m^2) of each axis, of an object that accelerates by about `acceleration_m_s2`, where the constant velocity was wrong by
-    /// `innovation` (m).
+    /// `innovation` (m); `None` for a leap, which has a new place and tells nothing of velocity and acceleration.
     pub(super) fn observe(
         &mut self,
         stamp: MonoNs,
         (p, r): (&Vector3<f64>, f64),
         acceleration_m_s2: f64,
-        innovation: &Vector3<f64>,
+        innovation: Option<&Vector3<f64>>,
     ) {
         let dt = (stamp - self.stamp).as_s();
         let F = Matrix3::new(1.0, dt, dt * dt / 2.0, 0.0, 1.0, dt, 0.0, 0.0, 1.0);
@@ -58,6 +58,14 @@ impl AcceleratingPlace {
         self.P = F * self.P * F.transpose() + jerk * jerk.transpose();
         self.p += self.v * dt + self.a * (dt * dt / 2.0);
         self.v += self.a * dt;
+        self.stamp = stamp;
+        let Some(innovation) = innovation else {
+            self.p = *p;
+            self.P.fill_row(0, 0.0);
+            self.P.fill_column(0, 0.0);
+            self.P[(0, 0)] = r;
+            return;
+        };
         let off = p - self.p;
         let K = self.P.column(0) / (self.P[(0, 0)] + r);
         self.p += off * K[0];
@@ -68,7 +76,6 @@ impl AcceleratingPlace {
         let mut first = I_KH.column_mut(0);
         first -= K;
         self.P = I_KH * self.P * I_KH.transpose() + K * K.transpose() * r;
-        self.stamp = stamp;
         let both = [off.norm_squared(), innovation.norm_squared()];
         for (mean, square) in self.squares.iter_mut().zip(both) {
             *mean += (square - *mean) / JUDGED;

@@ -189,6 +189,34 @@ fn a_start_and_a_stop_are_noticed() {
     }
 }
 
+/// An object that is put elsewhere is at its new place at once, keeps its velocity, and is not set in motion; what is as far off again was quick.
+#[test]
+fn a_leap_is_a_new_place_and_no_speed() {
+    let R = Matrix6::from_diagonal(&nalgebra::Vector6::repeat(1e-8));
+    for speed in [0.0, 0.1] {
+        let mut motion = ObjectMotion::new(DYNAMICS);
+        for k in 0..60_u64 {
+            let leapt = if k < 40 { 0.0 } else { 0.07 };
+            let mut X = Pose::translation(speed * k as f64 * FRAME.as_s() + leapt, 0.0, 0.0);
+            X.translation.vector += noise(k, 1e-4);
+            let now = MonoNs(k as i64 * FRAME.0);
+            motion.observe(now, &X, &R);
+            if k >= 30 {
+                let v = motion.twist_at(now, &Vector3::zeros()).x;
+                assert!((v - speed).abs() < 0.02, "{speed}, frame {k}: {v} m/s");
+                assert!(motion.confidence(now) > 0.9, "{speed}, frame {k}");
+            }
+        }
+    }
+    let mut motion = ObjectMotion::new(DYNAMICS);
+    for k in 0..20_i64 {
+        let X = Pose::translation(0.08 * (k - 9).max(0) as f64, 0.0, 0.0);
+        motion.observe(MonoNs(k * FRAME.0), &X, &R);
+    }
+    let v = motion.twist_at(MonoNs(19 * FRAME.0), &Vector3::zeros()).x;
+    assert!((v - 2.0).abs() < 0.1, "{v} m/s");
+}
+
 #[test]
 fn old_odd_and_missing_measurements_do_no_harm() {
     let mut motion = ObjectMotion::new(DYNAMICS);

@@ -38,10 +38,14 @@ impl ServoSettings {
         let X_WC_then = moved.map_or(last.X_WC, |moved| moved * last.X_WC);
         let view = last.view.predicted_at(&X_WC.inv_mul(&X_WC_then), pursuit.goal)?;
         let task = self.law.task(pursuit.goal, &view).ok()?;
-        let mut answer = self.answer(pursuit, (&view, &task), &arm, secondary.as_ref())?;
-        if let (LawOutput::Velocity(qd), Some((object, then))) = (&mut answer.law_output, object) {
-            answer.convergence.feed_forward = follow(object, then, &X_WC, &J);
-            *qd += answer.convergence.feed_forward;
+        let object = object.filter(|_| !self.law.is_torque());
+        let along = object.map_or_else(SVector::zeros, |(object, then)| follow(object, then, &X_WC, &J));
+        // What moves along with the object does not move in the image: the guard would hold the arm back from it.
+        let beside = Arm { qd: arm.qd - along, ..arm };
+        let mut answer = self.answer(pursuit, (&view, &task), &beside, secondary.as_ref())?;
+        if let (LawOutput::Velocity(qd), true) = (&mut answer.law_output, object.is_some()) {
+            answer.convergence.feed_forward = along;
+            *qd += along;
         }
         if let (LawOutput::Velocity(qd), Some(moving)) = (&mut answer.law_output, &pursuit.motion) {
             let along = follow_twist(&moving.twist_of_camera(view.X_CO().unwrap_or(&moving.X_DO)), &J);
