@@ -53,7 +53,7 @@ impl Config {
             ProgramGoal::Present => config.set_point,
             ProgramGoal::Taught(file) => {
                 let s_d: Vec<_> = file.features.iter().map(|feature| feature.s.into()).collect();
-                config.set_point.seen_at(&s_d)?
+                config.set_point.at_features(&s_d)?
             }
             ProgramGoal::Pose(X_DO) => config.set_point.at_pose(X_DO)?,
         };

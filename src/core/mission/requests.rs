@@ -182,7 +182,7 @@ impl<const N: usize> Mission<N> {
                     return Err(Refusal::WrongNumbers);
                 }
                 let s_d: Vec<_> = numbers.chunks_exact(2).map(Vector2::from_column_slice).collect();
-                before.seen_at(&s_d)
+                before.at_features(&s_d)
             }
             CommandForm::Pose => before.at_pose(&pose_of(numbers)?),
             _ => return Err(Refusal::WrongNumbers),

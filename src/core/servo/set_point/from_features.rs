@@ -34,6 +34,26 @@ impl SetPoint {
         Some(set_point)
     }
 
+    /// Another goal of the same target: its points with other features, from about as far away. Where these fix no pose it is that one of two near the present one.
+    #[must_use]
+    pub fn at_features(&self, s_d: &[Vector2<f64>]) -> Option<Self> {
+        let depths_m = self.depths_m();
+        let z_d_m = depths_m.iter().sum::<f64>() / depths_m.len() as f64;
+        let found = Self::from_features(s_d, self.points(), z_d_m)?;
+        let near = self.X_DO().filter(|_| found.X_DO().is_none());
+        near.and_then(|X_DO| found.posed_near(X_DO)).unwrap_or(found).of_target_of(self)
+    }
+
+    /// Another goal of the same target, at the pose `X_DO` in the camera.
+    #[must_use]
+    pub fn at_pose(&self, X_DO: &Pose) -> Option<Self> {
+        Self::from_pose(X_DO, self.points())?.of_target_of(self)
+    }
+
+    fn of_target_of(self, other: &Self) -> Option<Self> {
+        self.with_target(other.target()).with_ids(other.ids())?.with_selection(*other.selection())
+    }
+
     /// The same features with the desired pose of least reprojection error and its depths, refined from a pose near it: for points that are not
     /// coplanar. `None` where they do not determine a pose.
     #[must_use]
