@@ -12,6 +12,8 @@ use std::time::Duration;
 
 /// Looks for an answer lie so far apart. Derived: half a tick, as an answer takes a tick and two looks of control.
 const LOOK: Duration = Duration::from_micros(500);
+/// Looks whether the run of a stream is still there lie so far apart. Chosen by hand: people notice nothing of it, and it costs a system call.
+const LOOK_FOR_RUN: Duration = Duration::from_millis(100);
 /// Pause where all slots are taken. Chosen by hand: one of the clients is answered, and leaves, within some milliseconds.
 const CROWDED: Duration = Duration::from_millis(20);
 /// Time for leaving after the answer, or after the last look for it. Chosen by hand, some hundred times what it takes on an idle machine.
@@ -180,24 +182,34 @@ impl AskingThread {
     }
 }
 
-/// Joins `instance`, and asks until nobody asks any more. Where it cannot join, each question is answered by why.
+/// Joins `instance` with the first question, and asks until nobody asks any more. A place in a run that has ended is given back, so that nothing of it stays.
 fn ask_all(instance: &Instance, questions: &Receiver<Question>) {
     let mut joined = None;
-    while let Ok((command, patience, tell)) = questions.recv() {
-        let place = match joined.take() {
-            Some(place) => Ok(place),
-            None => join(instance, &patience),
-        };
-        let answer = place.and_then(|place| {
-            let (client, _) = joined.insert(place);
-            ask_here(instance, client, command, &patience)
-        });
-        // A run that is another one meanwhile is joined anew.
-        if answer.is_err() {
-            joined = None;
+    loop {
+        match questions.recv_timeout(LOOK_FOR_RUN) {
+            Ok((command, patience, tell)) => {
+                let place = match joined.take() {
+                    Some(place) => Ok(place),
+                    None => join(instance, &patience),
+                };
+                let answer = place.and_then(|place| {
+                    let (client, _) = joined.insert(place);
+                    ask_here(instance, client, command, &patience)
+                });
+                // A run that is another one meanwhile is joined anew.
+                if answer.is_err() {
+                    joined = None;
+                }
+                // Who asked may have given up.
+                let _ = tell.send(answer);
+            }
+            Err(RecvTimeoutError::Timeout) if joined.is_some() && find(instance).is_err() => {
+                joined = None;
+                instance.remove_leftovers(None);
+            }
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => return,
         }
-        // Who asked may have given up.
-        let _ = tell.send(answer);
     }
 }
 

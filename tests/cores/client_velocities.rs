@@ -198,7 +198,7 @@ fn numbers_that_are_no_velocity_are_refused() {
     }
     cell.run_for(50);
     assert_eq!((cell.run.state(), cell.qd.amax() < 1e-6), (ControlState::Idle, true));
-    let mut dry = Cell::<6>::new("ur5.toml", &["drive.kind=\"none\""]);
+    let mut dry = Cell::<6>::new("ur5.toml", &["drive.kind=\"none\"", "run.serve=false"]);
     dry.run_for(20);
     assert_eq!(dry.command(CommandForm::JointVelocity, &six, 0.1), Err(Refusal::NoArm));
 }

@@ -54,7 +54,9 @@ fn every_task_of_the_shipped_suites_can_be_flown() {
             BenchmarkSuite::parse(name, BenchmarkSuite::shipped(name).unwrap(), Path::new(".")).unwrap();
         suite.tasks.into_iter().map(|task| task.name).collect::<Vec<_>>()
     };
-    assert_eq!(names("short"), names("full"));
+    // The short suite leaves out what takes it beyond its quarter of an hour.
+    let full = names("full");
+    assert!(names("short").iter().all(|name| full.contains(name)), "{full:?}");
 }
 
 /// What is asked of a start is what the camera sees: the angle about the optical axis, the distance of the target's middle.
