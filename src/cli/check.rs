@@ -33,7 +33,7 @@ pub(super) fn check(path: Option<&Path>, set: &[String], as_json: bool) -> Resul
         },
     };
     require_controllable(&config)?;
-    let preflight = Preflight::of(&config)?;
+    let preflight = Preflight::of(&config)?.with_names(&config)?;
     let (mut faults, doubts) = judged(&preflight);
     let core = config.realtime.request.cpu.and_then(crate::rt::why_not_on);
     faults.extend(core.map(|why| ("realtime.cpu", why)));

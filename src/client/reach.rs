@@ -12,8 +12,8 @@ use std::time::Duration;
 
 /// Looks for an answer lie so far apart. Derived: half a tick, as an answer takes a tick and two looks of control.
 const LOOK: Duration = Duration::from_micros(500);
-/// Looks whether the run of a stream is still there lie so far apart. Chosen by hand: people notice nothing of it, and it costs a system call.
-const LOOK_FOR_RUN: Duration = Duration::from_millis(100);
+/// Looks whether a run is still there lie so far apart. Chosen by hand: people notice nothing of it, and it costs a system call.
+const LOOK_FOR_RUN: SpanNs = SpanNs(100_000_000);
 /// Pause where all slots are taken. Chosen by hand: one of the clients is answered, and leaves, within some milliseconds.
 const CROWDED: Duration = Duration::from_millis(20);
 /// Time for leaving after the answer, or after the last look for it. Chosen by hand, some hundred times what it takes on an idle machine.
@@ -184,14 +184,15 @@ impl AskingThread {
 
 /// Joins `instance` with the first question, and asks until nobody asks any more. A place in a run that has ended is given back, so that nothing of it stays.
 fn ask_all(instance: &Instance, questions: &Receiver<Question>) {
-    let mut joined = None;
+    let (mut joined, mut has_joined) = (None, false);
     loop {
-        match questions.recv_timeout(LOOK_FOR_RUN) {
+        match questions.recv_timeout(Duration::from_secs_f64(LOOK_FOR_RUN.as_s())) {
             Ok((command, patience, tell)) => {
                 let place = match joined.take() {
                     Some(place) => Ok(place),
                     None => join(instance, &patience),
                 };
+                has_joined |= place.is_ok();
                 let answer = place.and_then(|place| {
                     let (client, _) = joined.insert(place);
                     ask_here(instance, client, command, &patience)
@@ -203,13 +204,18 @@ fn ask_all(instance: &Instance, questions: &Receiver<Question>) {
                 // Who asked may have given up.
                 let _ = tell.send(answer);
             }
-            Err(RecvTimeoutError::Timeout) if joined.is_some() && find(instance).is_err() => {
+            // Over and over: the run's own processes, which could remove nothing while this was there, may be there themselves the first time.
+            Err(RecvTimeoutError::Timeout) if has_joined && find(instance).is_err() => {
                 joined = None;
                 instance.remove_leftovers(None);
             }
             Err(RecvTimeoutError::Timeout) => {}
-            Err(RecvTimeoutError::Disconnected) => return,
+            Err(RecvTimeoutError::Disconnected) => break,
         }
+    }
+    drop(joined);
+    if has_joined && find(instance).is_err() {
+        instance.remove_leftovers(None);
     }
 }
 
@@ -241,10 +247,19 @@ fn ask_here(
     patience: &AnswerTimeout,
 ) -> Result<ControlAnswer, ProcessError> {
     let pending = client.ask(command)?;
+    let mut looked = now();
     loop {
+        // Looked for before: control may answer and end in between.
+        let there = if now() - looked > LOOK_FOR_RUN {
+            looked = now();
+            find(instance)
+        } else {
+            Ok(())
+        };
         if let Some(answer) = pending.answer()? {
             return Ok(answer);
         }
+        there?;
         patience.check(instance)?;
         std::thread::sleep(LOOK);
     }

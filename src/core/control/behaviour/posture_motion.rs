@@ -17,8 +17,8 @@ const ARRIVED: f64 = 1e-4;
 /// Time after the end of the path at which the motion is complete wherever the reference is, s: a drive in velocity mode with coarse encoders may never be
 /// nearer. Chosen by hand: three times what the rate k takes to 5 %.
 const PATIENCE_S: f64 = 1.0;
-/// Ticks at rest before the path begins. Chosen by hand: one in which the joint controller says whether it still probes friction, and one in which that is known.
-const RESTS: u32 = 2;
+/// Ticks at rest before an arm that stands leaves its posture. Chosen by hand: one in which the joint controller says whether it still probes friction, and one in which that is known.
+pub(super) const RESTS: u32 = 2;
 
 /// The motion to one posture.
 #[derive(Debug, Default)]

@@ -3,15 +3,12 @@
 //!
 //! What is commanded goes the way of every motion: through the limits of the reference, those in space, and the gate.
 
+use super::posture_motion::RESTS;
 use super::{ArmModel, CommandedMotion, MotionCommand};
 use crate::drive::DriveState;
 use crate::robot::Mount;
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::SVector;
-
-/// Ticks at rest before an arm that stands begins to move, as before the motion to a posture: one in which the joint controller says whether it still probes
-/// friction, and one in which that is known.
-const RESTS: u32 = 2;
 
 /// The motion by the velocities of a client.
 #[derive(Debug)]

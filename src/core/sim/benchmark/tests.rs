@@ -54,9 +54,9 @@ fn every_task_of_the_shipped_suites_can_be_flown() {
             BenchmarkSuite::parse(name, BenchmarkSuite::shipped(name).unwrap(), Path::new(".")).unwrap();
         suite.tasks.into_iter().map(|task| task.name).collect::<Vec<_>>()
     };
-    // The short suite leaves out what takes it beyond its quarter of an hour.
-    let full = names("full");
-    assert!(names("short").iter().all(|name| full.contains(name)), "{full:?}");
+    let mut full = names("full");
+    full.retain(|name| !["circle", "stop-and-go", "jump"].contains(&name.as_str()));
+    assert_eq!(names("short"), full, "the short suite has conveyor and pendulum of the targets that move");
 }
 
 /// What is asked of a start is what the camera sees: the angle about the optical axis, the distance of the target's middle.

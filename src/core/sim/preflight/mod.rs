@@ -121,15 +121,20 @@ impl Preflight {
     /// # Errors
     /// [`RobotError`] when an arm cannot be built.
     pub fn of(config: &Config) -> Result<Self, RobotError> {
+        crate::dispatch_robot!(config.robot, |robot| Self::of_goal(config, &robot))?
+    }
+
+    /// The same with the goals and postures that the run file has names for, which a run itself need not know.
+    ///
+    /// # Errors
+    /// As for [`Self::of`].
+    pub fn with_names(self, config: &Config) -> Result<Self, RobotError> {
         crate::dispatch_robot!(config.robot, |robot| {
-            let mut preflight = Self::of_goal(config, &robot)?;
-            preflight.goals = NamedGoalAhead::all(config, &robot)?;
-            preflight.postures = named_goals::postures_outside(config, &robot);
-            Ok(preflight)
+            let postures = named_goals::postures_outside(config, &robot);
+            Ok(Self { goals: NamedGoalAhead::all(config, &robot)?, postures, ..self })
         })?
     }
 
-    /// The same without what has a name.
     fn of_goal<const N: usize>(config: &Config, robot: &Robot<N>) -> Result<Self, RobotError> {
         let q_start = SVector::<f64, N>::from_fn(|i, _| config.start.q.get(i).copied().unwrap_or_default());
         let start = config.scene.as_ref().map(|scene| start(config, scene, &q_start)).transpose()?;

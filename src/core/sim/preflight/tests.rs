@@ -241,7 +241,7 @@ fn goals_and_postures_with_names_are_looked_at() {
     ];
     let set: Vec<_> = bin.into_iter().chain(names).map(ToOwned::to_owned).collect();
     let config = Config::load(Some(&shipped("default.toml")), &set).unwrap();
-    let preflight = Preflight::of(&config).unwrap();
+    let preflight = Preflight::of(&config).unwrap().with_names(&config).unwrap();
     let named = |name: &str| preflight.goals.iter().find(|goal| goal.name == name).unwrap();
     // The posture of a goal shows that goal: by the arm's own kinematics, at where the target of it lies.
     for (name, X_WO) in
