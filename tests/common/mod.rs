@@ -201,8 +201,31 @@ impl Run {
     }
 }
 
-/// `vservo run ARGUMENTS` under a name of its own, to its end.
+/// Repetitions of a run in real time that the machine held up.
+const REPEATS: usize = 3;
+/// A loop that slept longer than this was held up by the machine, us: the plant obeys the last torque for as long, and a fault is then the
+/// right end of an arm in full motion (a virtual machine that stood still for 62 ms in CI ended a run so).
+const HELD_UP_US: f64 = 20_000.0;
+
+/// Whether a run in real time came to no good end while the machine held its loop up: it tells nothing about what a test asks.
+pub fn was_held_up(summary: &Value) -> bool {
+    let longest = summary["tick_us"]["wake"]["max"].as_f64();
+    summary["outcome"] != "converged" && longest.is_some_and(|wake| wake > HELD_UP_US)
+}
+
+/// `vservo run ARGUMENTS` under a name of its own, to its end; again where the machine held it up.
 pub fn run(test: &str, arguments: &[&str]) -> Run {
+    let mut last = run_once(test, arguments);
+    for _ in 1..REPEATS {
+        if !was_held_up(&last.summary) {
+            break;
+        }
+        last = run_once(test, arguments);
+    }
+    last
+}
+
+fn run_once(test: &str, arguments: &[&str]) -> Run {
     let instance = Instance::new(test);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("summary.json");

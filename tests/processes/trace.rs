@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // helpers of tests are tests
 
-use crate::common::{Instance, vservo};
+use crate::common::{Instance, vservo, was_held_up};
 use serde_json::Value;
 use std::process::{Child, Stdio};
 use std::time::Duration;
@@ -87,7 +87,9 @@ fn every_tick_of_a_lockstep_run_is_there_without_a_gap() {
 /// In real time control waits for nobody: the listener comes when it can, and the numbers tell what was lost from then on.
 #[test]
 fn a_realtime_run_counts_what_is_lost() {
-    let (records, summary) = listen("tracert", &["run.duration_s=20"]);
+    let listen = || listen("tracert", &["run.duration_s=20"]);
+    let (records, summary) =
+        std::iter::repeat_with(listen).take(3).find(|(_, s)| !was_held_up(s)).expect("a calm run");
     assert_eq!(summary["outcome"], "converged", "{summary}");
     let (first, last) = (records.first().unwrap(), records.last().unwrap());
     assert_eq!((last.outcome, last.flags & trace_flag::LAST), (CONVERGED, trace_flag::LAST));
