@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used)]
 
-use crate::common::{assert_accurate, vservo, wait_until};
+use crate::common::{assert_accurate, run, vservo, wait_until};
 use crate::drive::{command, external};
 use crate::serve::Daemon;
 use serde_json::Value;
@@ -67,6 +67,12 @@ fn a_protective_stop_is_a_fault_that_a_reset_has_cleared() {
         let replay = vservo().arg("replay").arg(&recording).output().unwrap();
         let told = String::from_utf8_lossy(&replay.stdout).into_owned();
         assert_eq!(replay.status.code(), Some(0), "{told}{}", String::from_utf8_lossy(&replay.stderr));
+        // Played as a drive the recorded robot stops again, in the same words.
+        let recorded = format!("drive.replay.recording={}", recording.display());
+        let dry = ["--clock", "lockstep", "--set", "drive.kind=replay", "--set", &recorded];
+        let dry = run("robotdry", &dry);
+        assert_eq!(dry.summary["outcome"], "fault", "{}", dry.text());
+        assert!(words(&dry.summary, "reason").contains("protective stop"), "{}", dry.text());
     }
 }
 

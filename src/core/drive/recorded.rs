@@ -4,10 +4,10 @@
 //! recording ─► [`RecordedMotion`] ─► the state whose stamp is nearest to now - begin ─► read
 //!                                    write ─► nothing
 //! ```
-//! Commands are computed, checked and traced as before a real arm, and move nothing. What can be told only of an arm that obeys is not judged of this one
+//! The robot is what its drive told then: a protective stop that was recorded is one again. Commands are computed, checked and traced as before a real arm, and move nothing. What can be told only of an arm that obeys is not judged of this one
 //! ([`ControllerSettings::obeys`](crate::control::controller::ControllerSettings)).
 
-use super::{CommandMode, Drive, DriveCommand, DriveHealth, DriveState};
+use super::{CommandMode, Drive, DriveCommand, DriveHealth, DriveState, RobotReport};
 use crate::messages::{JointState, MAX_JOINTS, joint_flag};
 use crate::time::{MonoNs, SpanNs, TICK};
 use nalgebra::SVector;
@@ -19,8 +19,8 @@ const NEAREST: SpanNs = SpanNs(TICK.0 / 2);
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[allow(clippy::large_enum_variant)] // it is moved through a ring, which has room for the largest in any case
 pub enum NextState {
-    /// A state, in the order of stamps.
-    State(JointState),
+    /// A state, in the order of stamps, and what the drive told of its robot until then.
+    State(JointState, RobotReport),
     /// The next state has not been read yet.
     Late,
     /// None follows.
@@ -40,7 +40,8 @@ pub struct RecordedDrive<const N: usize> {
     begin: Option<MonoNs>,
     origin: Option<MonoNs>,
     state: DriveState<N>,
-    ahead: Option<JointState>,
+    robot: RobotReport,
+    ahead: Option<(JointState, RobotReport)>,
     late_states: u64,
     is_over: bool,
 }
@@ -54,6 +55,7 @@ impl<const N: usize> RecordedDrive<N> {
             begin: None,
             origin: None,
             state: DriveState { q, qd: SVector::zeros(), truth: None },
+            robot: RobotReport::default(),
             ahead: None,
             late_states: 0,
             is_over: false,
@@ -76,7 +78,7 @@ impl<const N: usize> Drive<N> for RecordedDrive<N> {
         loop {
             if self.ahead.is_none() {
                 match self.motion.next_state() {
-                    NextState::State(state) => self.ahead = Some(state),
+                    NextState::State(state, robot) => self.ahead = Some((state, robot)),
                     NextState::Late => {
                         self.late_states += 1;
                         break;
@@ -87,13 +89,14 @@ impl<const N: usize> Drive<N> for RecordedDrive<N> {
                     }
                 }
             }
-            let Some(next) = self.ahead else { break };
+            let Some((next, robot)) = self.ahead else { break };
             let origin = *self.origin.get_or_insert(next.stamp);
             if next.stamp - origin > reached {
                 break;
             }
             self.ahead = None;
             self.take(&next);
+            self.robot = robot;
         }
         self.state
     }
@@ -105,7 +108,7 @@ impl<const N: usize> Drive<N> for RecordedDrive<N> {
     }
 
     fn health(&self) -> DriveHealth {
-        DriveHealth { late_states: self.late_states, ..DriveHealth::default() }
+        DriveHealth { late_states: self.late_states, robot: self.robot, ..DriveHealth::default() }
     }
 
     fn is_over(&self) -> bool {
@@ -120,6 +123,7 @@ fn vector<const N: usize>(v: &[f64; MAX_JOINTS]) -> SVector<f64, N> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::messages::RobotState;
     use std::collections::VecDeque;
 
     struct Listed(VecDeque<NextState>);
@@ -134,7 +138,7 @@ mod tests {
         let mut state =
             JointState { stamp: MonoNs(7_000_000_000 + stamp_us * 1000), ..JointState::default() };
         (state.q[0], state.qd[0]) = (q, -q);
-        NextState::State(state)
+        NextState::State(state, RobotReport::default())
     }
 
     fn drive(states: &[NextState]) -> RecordedDrive<1> {
@@ -157,6 +161,24 @@ mod tests {
         });
         assert_eq!(arm.read(MonoNs(9_000_000)).q[0], 4.0, "it stays where it was last");
         assert_eq!(arm.health().late_states, 0);
+    }
+
+    #[test]
+    fn the_robot_is_what_it_was_at_that_time() {
+        let stopped = RobotReport { state: RobotState::ProtectiveStop, code: 17 };
+        let of = |stamp_us, robot| match at(stamp_us, 0.0) {
+            NextState::State(state, _) => NextState::State(state, robot),
+            other => other,
+        };
+        let ready = RobotReport { state: RobotState::Ready, code: 0 };
+        let mut arm = drive(&[of(0, ready), of(1000, stopped), of(2000, ready)]);
+        let told: Vec<_> = [0, 1, 2]
+            .map(|ms| {
+                arm.read(MonoNs(ms * 1_000_000));
+                arm.health().robot
+            })
+            .into();
+        assert_eq!(told, [ready, stopped, ready]);
     }
 
     #[test]
