@@ -81,8 +81,10 @@ impl LightPlane {
 #[inline]
 pub(super) fn level_at(image: &ImageView<'_>, at: Vector2<f64>) -> f64 {
     let (x, y) = (at.x.clamp(0.0, image.width() as f64 - 1.0), at.y.clamp(0.0, image.height() as f64 - 1.0));
-    let (x0, y0) = (x as usize, y as usize);
-    let (fx, fy) = (x - x0 as f64, y - y0 as f64);
+    // coordinates of frames fit into 32 bits, to which less is converted
+    let (x0, y0) = (x as u32, y as u32);
+    let (fx, fy) = (x - f64::from(x0), y - f64::from(y0));
+    let (x0, y0) = (x0 as usize, y0 as usize);
     let part = |row: &[u8]| {
         let a = f64::from(row.get(x0).copied().unwrap_or(0));
         let b = row.get(x0 + 1).map_or(a, |&b| f64::from(b));

@@ -5,6 +5,8 @@ use crate::imaging::ImageView;
 /// Pixels that are summed beforehand, from the middle on either side. Derived: windows reach 8 px (`MAX_HALF_PX` of the edges), those of the levels 2.5 px
 /// further, on a diagonal 1.4 times as much, and a pixel is cut at either end.
 const REACH: usize = 17;
+/// So far from the middle all is summed beforehand, px, which follows: a pixel is cut at either end.
+pub(super) const SUMMED_PX: f64 = REACH as f64 - 1.0;
 /// Sums that are kept, which follows: of none, and of each pixel more.
 const COUNT: usize = 2 * REACH + 2;
 
@@ -43,35 +45,35 @@ impl<'a> LevelSums<'a> {
         Self { image, line, from, sums, count: until - from }
     }
 
-    /// The sum from `x0` to `x1`, both of which lie within the line, level px.
+    /// The integral of the levels from where the sums begin to `x`, which lies within the line, level px; only differences count.
     #[inline]
-    pub(super) fn between(&self, x0: f64, x1: f64) -> f64 {
-        let (first, last) = ((x0 + 0.5) as usize, (x1 + 0.5) as usize);
-        let (a, b) = (first.checked_sub(self.from), (last + 1).checked_sub(self.from));
-        let (at_first, inner, at_last) = match (a, b) {
-            (Some(a), Some(b)) if a < b && b <= self.count => self.summed(a, b),
-            _ => self.added(first, last),
-        };
-        f64::from(inner)
-            - (x0 + 0.5 - first as f64) * f64::from(at_first)
-            - (last as f64 + 0.5 - x1) * f64::from(at_last)
+    pub(super) fn up_to(&self, x: f64) -> f64 {
+        let pixels = x + 0.5 - self.from as f64;
+        let whole = pixels as u32;
+        match self.sums.get(whole as usize..whole as usize + 2) {
+            Some(&[before, with]) if pixels >= 0.0 && (whole as usize) < self.count => {
+                f64::from(before) + (pixels - f64::from(whole)) * f64::from(with - before)
+            }
+            _ => self.added(x),
+        }
     }
 
-    /// The first level, the sum and the last level of the summed pixels from `a` on and before `b`.
-    #[inline]
-    fn summed(&self, a: usize, b: usize) -> (u32, u32, u32) {
-        let sum = |k: usize| self.sums.get(k).copied().unwrap_or(0);
-        (sum(a + 1) - sum(a), sum(b) - sum(a), sum(b) - sum(b - 1))
-    }
-
-    /// The same of pixels that are not summed yet.
-    fn added(&self, first: usize, last: usize) -> (u32, u32, u32) {
+    /// The same where the pixels are not summed yet.
+    #[cold]
+    fn added(&self, x: f64) -> f64 {
         let at = |k: usize| {
             let (x, y) = if self.line.1 { (k, self.line.0) } else { (self.line.0, k) };
             let level = (y < self.image.height()).then(|| self.image.row(y).get(x)).flatten();
-            level.map_or(0, |level| u32::from(*level))
+            level.map_or(0.0, |level| f64::from(*level))
         };
-        (at(first), (first..=last).map(at).sum(), at(last))
+        let edge = (x + 0.5).max(0.0);
+        let last = edge as usize;
+        let part = (edge - last as f64) * at(last);
+        if last >= self.from {
+            (self.from..last).map(at).sum::<f64>() + part
+        } else {
+            part - (last..self.from).map(at).sum::<f64>()
+        }
     }
 }
 
@@ -97,7 +99,7 @@ mod tests {
             let share = |k: f64| ((k + 0.5).min(x1) - (k - 0.5).max(x0)).max(0.0);
             let expected: f64 = (0..60).map(|k| share(k as f64) * level(k)).sum();
             let sums = LevelSums::new(&image, (7, is_row), (middle, reach));
-            prop_assert!((sums.between(x0, x1) - expected).abs() < 1e-9);
+            prop_assert!((sums.up_to(x1) - sums.up_to(x0) - expected).abs() < 1e-9);
         }
     }
 }

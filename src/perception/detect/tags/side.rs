@@ -4,7 +4,7 @@
 //! [`SideScan::fit`] subtracts the contribution of other cells ([`Shine`]), turns the sums into positions and fits the line. The caller moves the
 //! window onto the line and repeats.
 
-use super::level_sums::LevelSums;
+use super::level_sums::{LevelSums, SUMMED_PX};
 use super::quad::NormalFormLine;
 use super::shine::{Inside, Shine, Windows, blur_of};
 use crate::imaging::ImageView;
@@ -93,6 +93,8 @@ pub(super) struct SideRow {
     /// Share of white in the cell inside the border, and in the next one.
     white: [f64; 2],
     used: bool,
+    /// How far the side lies from the window's middle along the row, px, once it is fitted.
+    delta: f64,
 }
 
 /// Regression line `a + b (s - mean_s)` of a value over the rows, with the variance about it.
@@ -108,23 +110,21 @@ struct Trend {
 
 impl Trend {
     fn of(rows: &[SideRow], value: impl Fn(&SideRow) -> f64) -> Self {
-        let (mut n, mut s, mut v) = (0.0, 0.0, 0.0);
-        for row in rows.iter().filter(|r| r.used) {
+        // sums relative to the first row, so that little is lost in their differences
+        let mut used = rows.iter().filter(|r| r.used);
+        let Some((s0, v0)) = used.next().map(|r| (r.s, value(r))) else { return Self::default() };
+        let (mut n, mut s, mut v, mut ss, mut sv, mut vv) = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+        for row in used {
+            let (ds, dv) = (row.s - s0, value(row) - v0);
             n += 1.0;
-            s += row.s;
-            v += value(row);
-        }
-        if n < 1.0 {
-            return Self::default();
-        }
-        let (mean_s, a) = (s / n, v / n);
-        let (mut ss, mut sv, mut vv) = (0.0, 0.0, 0.0);
-        for row in rows.iter().filter(|r| r.used) {
-            let (ds, dv) = (row.s - mean_s, value(row) - a);
+            s += ds;
+            v += dv;
             ss += ds * ds;
             sv += ds * dv;
             vv += dv * dv;
         }
+        let (mean_s, a) = (s0 + s / n, v0 + v / n);
+        (ss, sv, vv) = (ss - s * s / n, sv - s * v / n, vv - v * v / n);
         let b = if ss > 0.0 { sv / ss } else { 0.0 };
         let variance = if n > 2.0 { ((vv - b * sv) / (n - 2.0)).max(0.0) } else { 0.0 };
         Self { a, b, mean_s, n, ss, variance }
@@ -188,10 +188,17 @@ impl SideScan<'_> {
         let per = 1.0 / across.abs();
         let sign = across.signum();
         let (near, far) = self.level_window();
+        // the windows along the row
+        let (half, near, far) = (self.half * per, near * per, far * per);
+        let per_level = 1.0 / (far - near);
+        // behind the margin, which is one cell wide, and not as far as a next tag may be; chosen by hand
+        let out = (1.3 * self.cell * per, (1.3 * self.cell + 1.5) * per);
+        // wide cells have it beyond what is summed beforehand
+        let shown = if self.inside.is_some() && out.1 < SUMMED_PX { out.1 } else { 0.0 };
         // beyond the neighbouring sides it is white, which blur carries into the window. 1.5 px keep the window's own pixels clear where there is no blur; 0.3 of the
         // side at most, so that 40 % of it is left (chosen by hand: half lets more blur in, the double would leave no row)
         let clear = (self.half + 0.5).max(CLEAR_BLURS * self.blur).clamp(1.5, (0.3 * self.length).max(1.5));
-        let reach = far * per;
+        let reach = far;
         let limit = if along_y { self.image.width() } else { self.image.height() } as f64 - 1.0;
         let (from, to) = (from as usize, to as usize);
         for k in (from..=to).step_by((to - from) / most.max(1) + 1) {
@@ -201,44 +208,40 @@ impl SideScan<'_> {
                 continue;
             }
             // away from the neighbouring sides, with both ends
-            let inside = [c - sign * self.half * per, c].iter().all(|&x| {
+            let inside = [c - sign * half, c].iter().all(|&x| {
                 let p = if along_y { Vector2::new(x, s) } else { Vector2::new(s, x) };
                 self.neighbours.iter().all(|n| n.offset - n.normal.dot(&p) >= clear)
             });
             if !inside {
                 continue;
             }
-            let h = self.half * per;
-            let sums = LevelSums::new(self.image, (k, along_y), (c, reach.max(h + 0.5)));
-            let sum_of = |x0: f64, x1: f64| sums.between(x0, x1);
-            let mean = |u0: f64, u1: f64| {
-                let (x0, x1) = if sign > 0.0 { (c + u0, c + u1) } else { (c - u1, c - u0) };
-                sum_of(x0, x1) / (x1 - x0)
-            };
-            let light = mean(near * per, far * per);
-            let dark = mean(-far * per, -near * per);
-            let ends = mean(h - 0.5, h + 0.5) - mean(-h - 0.5, -h + 0.5);
-            let beside = mean(0.0, 1.0) - mean(-1.0, 0.0);
+            let sums = LevelSums::new(self.image, (k, along_y), (c, reach.max(half + 0.5).max(shown)));
+            // levels outward from the line, up to `u`; their mean from one to the other
+            let up_to = |u: f64| sign * sums.up_to(c + sign * u);
+            let light = (up_to(far) - up_to(near)) * per_level;
+            let dark = (up_to(-near) - up_to(-far)) * per_level;
+            let (at_light, at_dark) =
+                (up_to(half + 0.5) - up_to(half - 0.5), up_to(-half + 0.5) - up_to(-half - 0.5));
+            let beside = up_to(1.0) - 2.0 * up_to(0.0) + up_to(-1.0);
             let (mut white, mut beyond) = ([0.0; 2], light);
             if let Some(inside) = self.inside {
                 let p = if along_y { Vector2::new(c, s) } else { Vector2::new(s, c) };
                 white = inside.at((p - a).norm() / self.length, 0.7 / self.length);
-                // behind the margin, which is one cell wide, and not as far as a next tag may be; chosen by hand
-                let out = (1.3 * self.cell * per, (1.3 * self.cell + 1.5) * per);
                 if c - out.1 > 0.5 && c + out.1 < limit - 0.5 {
-                    beyond = mean(out.0, out.1);
+                    beyond = (up_to(out.1) - up_to(out.0)) / (out.1 - out.0);
                 }
             }
             rows.push(SideRow {
                 s,
-                sum: sum_of(c - h, c + h),
+                sum: up_to(half) - up_to(-half),
                 light,
                 dark,
-                ends,
+                ends: at_light - at_dark,
                 near: beside,
                 beyond,
                 white,
                 used: light > dark,
+                delta: 0.0,
             });
         }
         along_y
@@ -311,28 +314,28 @@ impl SideScan<'_> {
         let light_per_px =
             self.inside.map_or(0.0, |i| if along_y { i.light_per_px.x } else { i.light_per_px.y });
         let growth = light_per_px * (lit - 0.5 * self.half * (near + far)) / (gain * across * across);
-        let delta = |r: &SideRow| {
-            let (l, d) = (light.at(r.s), dark.at(r.s));
-            // a quarter of the side's contrast at least, so that rows of deep shadow do not divide by nothing; chosen by hand, as below
-            growth - sign * (r.sum - 0.5 * window * (l + d)) / ((own * (l - d)).max(0.25 * contrast) * gain)
-        };
-        let mut trend = Trend::of(rows, delta);
+        // a quarter of the side's contrast at least, so that rows of deep shadow do not divide by nothing; chosen by hand
+        let per_sum =
+            |r: &SideRow| sign / ((own * (light.at(r.s) - dark.at(r.s))).max(0.25 * contrast) * gain);
+        for row in rows.iter_mut() {
+            let (l, d) = (light.at(row.s), dark.at(row.s));
+            row.delta = growth - (row.sum - 0.5 * window * (l + d)) * per_sum(row);
+        }
+        let mut trend = Trend::of(rows, |r| r.delta);
         // Beyond three deviations lie 0.27 % of normal errors, so that hardly any good row is lost; 0.1 px at least, because where nothing but
         // rounding scatters the rows of a bowed side would otherwise be left out. Chosen by hand: half and double change which rows those are.
         let most = (3.0 * trend.variance.sqrt()).max(0.1);
         for row in rows.iter_mut().filter(|r| r.used) {
-            row.used = (delta(row) - trend.at(row.s)).abs() <= most;
+            row.used = (row.delta - trend.at(row.s)).abs() <= most;
         }
-        trend = Trend::of(rows, delta);
+        trend = Trend::of(rows, |r| r.delta);
         if (trend.n as usize) < MIN_ROWS {
             return None;
         }
         // with each row's own levels instead of the side's: the same line, but a scatter that contains that of the levels
         let scatter = Trend::of(rows, |r| {
-            let (l, d) = (light.at(r.s), dark.at(r.s));
-            let apart = r.light - l + r.dark - d;
-            // the same bound as above, so that the scatter is that of the same line
-            delta(r) + sign * 0.5 * window * apart / ((own * (l - d)).max(0.25 * contrast) * gain)
+            let apart = r.light - light.at(r.s) + r.dark - dark.at(r.s);
+            r.delta + 0.5 * window * apart * per_sum(r)
         });
         // the line so far is `c = (offset - other s) / across`; the measured one is `c + delta`
         let slope = -other / across + trend.b;
