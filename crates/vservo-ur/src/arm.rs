@@ -14,7 +14,7 @@ pub use state::{ArmSettings, ArmState, Command};
 
 use crate::ClockMap;
 use crate::dashboard::Dashboard;
-use crate::program::{ProgramSettings, command, state as program_state};
+use crate::program::{Payload, ProgramSettings, command, state as program_state};
 use crate::robot::{RobotMode, RuntimeState, Series, Version};
 use crate::rtde::{DataType, Recipe, RtdeClient, RtdeSettings, nanoseconds};
 use crate::{Clock, JOINTS, Joints, UrError};
@@ -79,6 +79,8 @@ impl Arm {
             speed_acceleration_rad_s2: settings.speed_acceleration_rad_s2,
             stop_deceleration_rad_s2: settings.stop_deceleration_rad_s2,
             watchdog: settings.watchdog,
+            payload: settings.payload,
+            takes_inertia: version.has_payload_inertia(),
         };
         let (outputs, places) = Self::set_up_outputs(&mut rtde, &program, series)?;
         let inputs = rtde.set_up_inputs(&program.inputs())?;
@@ -145,6 +147,11 @@ impl Arm {
     #[must_use]
     pub fn version(&self) -> Version {
         self.rtde.version()
+    }
+
+    /// What the robot is told to carry when its program starts the next time; none: as it is set there.
+    pub fn set_payload(&mut self, payload: Option<Payload>) {
+        self.program.payload = payload;
     }
 
     /// Its series.

@@ -21,6 +21,7 @@ pub mod rtde;
 
 pub use arm::{Arm, ArmSettings, Command};
 pub use error::UrError;
+pub use program::Payload;
 pub use robot::{RobotMode, RuntimeState, SafetyMode, Series, Version};
 pub use vservo_clock::ClockMap;
 

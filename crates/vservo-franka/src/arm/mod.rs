@@ -17,7 +17,7 @@ use crate::client::{FciClient, nanoseconds};
 use crate::limits::{JointLimits, MAX_TORQUE};
 use crate::robot::{Controller, Generator, RobotMode};
 use crate::shaping::{Course, Wanted, limited_torques, torques_as_told};
-use crate::wire::{MoveStatus, Request, RobotCommand, RobotState};
+use crate::wire::{Load, MoveStatus, Request, RobotCommand, RobotState};
 use crate::{CYCLE_S, FrankaError, JOINTS, Joints};
 use recovery::Halt;
 use state::plausible;
@@ -102,6 +102,11 @@ impl Arm {
     #[must_use]
     pub fn limits(&self) -> &JointLimits {
         &self.limits
+    }
+
+    /// What hangs on the end effector, told when the next motion begins; none: as it is set there.
+    pub fn set_load(&mut self, load: Option<Load>) {
+        self.settings.load = load;
     }
 
     /// The newest state.
