@@ -12,7 +12,7 @@ use crate::config::Config;
 use crate::drive::CommandMode;
 use crate::messages::{DriveCommandMsg, DriveStateMsg, RobotState, drive_flag};
 use crate::robot::Robot;
-use crate::rt::tell;
+use crate::rt::{ClockEstimate, tell};
 use crate::time::MonoNs;
 use nalgebra::SVector;
 use std::time::Duration;
@@ -53,6 +53,10 @@ impl RobotArm for FrankaArm<'_> {
 
     fn missed(&self) -> (u64, i64) {
         self.arm.missed()
+    }
+
+    fn clock(&self) -> Option<ClockEstimate> {
+        self.arm.clock()
     }
 
     fn begin(&mut self, mode: u32, stop: &dyn Fn() -> bool) -> Result<bool, ProcessError> {

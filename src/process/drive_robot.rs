@@ -14,7 +14,7 @@ use super::{DrivePayload, ProcessError, StopFlag};
 use crate::config::RealtimeRequest;
 use crate::ipc::{Instance, QuietSender, Receiver, Sender, Services, StopWord};
 use crate::messages::{DriveCommandMsg, DriveStateMsg, DriveTextMsg, RobotState, drive_flag};
-use crate::rt::{now, prepare_thread, tell};
+use crate::rt::{ClockEstimate, now, prepare_thread, tell};
 use crate::time::{MonoNs, SpanNs};
 use std::time::Duration;
 
@@ -48,6 +48,8 @@ pub(super) trait RobotArm {
     fn last(&self) -> Option<Self::State>;
     /// States that were missing, and the longest delay of one, ns.
     fn missed(&self) -> (u64, i64);
+    /// What is known of its clock.
+    fn clock(&self) -> Option<ClockEstimate>;
     /// Sees to it that it obeys commands of this mode from now on; false where `stop` said that nobody wants it any more.
     fn begin(&mut self, mode: u32, stop: &dyn Fn() -> bool) -> Result<bool, Self::Error>;
     /// Answers the newest state.
@@ -145,11 +147,20 @@ fn drive<A: RobotArm>(
         link.arm.abandon();
     }
     let (missed, delay_ns) = link.arm.missed();
+    // A run that was too short tells no drift.
+    let clock = link.arm.clock().filter(|clock| clock.drift_sd_ppm.is_finite()).map(|clock| {
+        let ClockEstimate { drift_ppm, drift_sd_ppm, offset_sd_ns, .. } = clock;
+        format!(
+            ", its clock slower by {drift_ppm:.1} +- {drift_sd_ppm:.1} ppm, stamps within {:.3} ms",
+            offset_sd_ns * 1e-6
+        )
+    });
     tell(format_args!(
-        "{}: {} states, {missed} missed, latest by {:.1} ms",
+        "{}: {} states, {missed} missed, latest by {:.1} ms{}",
         A::PROGRAM,
         link.count,
-        SpanNs(delay_ns).as_s() * 1e3
+        SpanNs(delay_ns).as_s() * 1e3,
+        clock.unwrap_or_default()
     ));
     result
 }

@@ -9,7 +9,7 @@ use super::drive_robot::{self, DriveJoining, RobotArm, joints};
 use super::{ProcessError, StopFlag};
 use crate::drive::CommandMode;
 use crate::messages::{DriveCommandMsg, DriveStateMsg, RobotState};
-use crate::rt::tell;
+use crate::rt::{ClockEstimate, tell};
 use crate::time::MonoNs;
 use std::time::Duration;
 use vservo_ur::arm::{ArmState, Recovered};
@@ -53,6 +53,10 @@ impl RobotArm for UrArm<'_> {
 
     fn missed(&self) -> (u64, i64) {
         self.arm.missed()
+    }
+
+    fn clock(&self) -> Option<ClockEstimate> {
+        self.arm.clock()
     }
 
     fn begin(&mut self, _: u32, stop: &dyn Fn() -> bool) -> Result<bool, ProcessError> {

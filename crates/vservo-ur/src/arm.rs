@@ -12,12 +12,12 @@ mod state;
 pub use recovery::Recovered;
 pub use state::{ArmSettings, ArmState, Command};
 
-use crate::ClockMap;
 use crate::dashboard::Dashboard;
 use crate::program::{Payload, ProgramSettings, command, state as program_state};
 use crate::robot::{RobotMode, RuntimeState, Series, Version};
 use crate::rtde::{DataType, Recipe, RtdeClient, RtdeSettings, nanoseconds};
 use crate::{Clock, JOINTS, Joints, UrError};
+use crate::{ClockEstimate, ClockMap};
 use recovery::{Halt, send_program};
 use state::{Places, plausible, read};
 use std::time::Duration;
@@ -170,6 +170,12 @@ impl Arm {
     #[must_use]
     pub fn missed(&self) -> (u64, i64) {
         (self.gaps, self.clock_map.longest_delay_ns())
+    }
+
+    /// What is known of the controller's clock.
+    #[must_use]
+    pub fn clock(&self) -> Option<ClockEstimate> {
+        self.clock_map.estimate()
     }
 
     /// Sees to it that the arm may move: refuses in words what somebody must see to. With `enable` the motors get power and the brakes are opened;

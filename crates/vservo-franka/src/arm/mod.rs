@@ -22,7 +22,7 @@ use crate::{CYCLE_S, FrankaError, JOINTS, Joints};
 use recovery::Halt;
 use state::plausible;
 use std::time::Duration;
-use vservo_clock::ClockMap;
+use vservo_clock::{ClockEstimate, ClockMap};
 
 /// States in a row whose time does not go on before that is a fault. Chosen by hand: 20 ms.
 const STANDING: u32 = 20;
@@ -119,6 +119,12 @@ impl Arm {
     #[must_use]
     pub fn missed(&self) -> (u64, i64) {
         (self.gaps, self.clock_map.longest_delay_ns())
+    }
+
+    /// What is known of the controller's clock.
+    #[must_use]
+    pub fn clock(&self) -> Option<ClockEstimate> {
+        self.clock_map.estimate()
     }
 
     /// Sees whether the arm may move: refuses in words what somebody must see to.
