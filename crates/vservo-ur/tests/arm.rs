@@ -322,7 +322,7 @@ fn a_payload_that_no_arm_carries_keeps_it_from_moving() {
     let robot = robot(Series::ESeries, true);
     let mut set = settings(&robot);
     set.payload = Some(Payload { mass_kg: 900.0, com_m: [0.0; 3], inertia_kg_m2: None });
-    let words = started(set).err().expect("a refusal").to_string();
+    let words = started(set).expect_err("a refusal").to_string();
     assert!(words.contains("the program did not start"), "{words}");
     let log = robot.log();
     assert!(log.iter().any(|line| line.contains("no arm carries 900 kg")), "{log:?}");
