@@ -30,6 +30,18 @@ impl Drive<6> for Lagging {
         self.wanted = command.qd_r;
     }
 
+    /// In the order of `q`; others than the robot file's are refused.
+    fn joint_names(&self) -> &[&str] {
+        &[
+            "shoulder_pan_joint",
+            "shoulder_lift_joint",
+            "elbow_joint",
+            "wrist_1_joint",
+            "wrist_2_joint",
+            "wrist_3_joint",
+        ]
+    }
+
     fn modes(&self) -> &'static [CommandMode] {
         &[CommandMode::Velocity]
     }

@@ -43,6 +43,25 @@ class DriveState(ctypes.Structure):
         return "vservo.DriveState.v3"
 
 
+class DriveText(ctypes.Structure):
+    JOINTS = 1  # kind
+    _fields_ = [("sequence", ctypes.c_uint64), ("stamp", ctypes.c_int64), ("kind", ctypes.c_uint32), ("joints", ctypes.c_uint32),
+                ("robot_state", ctypes.c_uint32), ("robot_code", ctypes.c_uint32), ("signs", Joints), ("zero_offsets", Joints),
+                ("text", ctypes.c_uint8 * 512)]
+
+    @staticmethod
+    def type_name():
+        return "vservo.DriveText.v1"
+
+    @classmethod
+    def of_joints(cls, names):
+        s = cls(stamp=time.monotonic_ns(), kind=cls.JOINTS, joints=len(names))
+        s.signs[: len(names)] = [1.0] * len(names)
+        text = "\n".join(names).encode()[:511]  # a zero byte stays at the end
+        s.text[: len(text)] = text
+        return s
+
+
 class Arm:
     """The robot of a URDF file, stepped by 1 ms under joint torques."""
 
@@ -63,7 +82,8 @@ class Arm:
         self.model = spec.compile()
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
         self.data, self.at_rest = mujoco.MjData(self.model), mujoco.MjData(self.model)
-        self.effort = efforts(text, [self.model.joint(i).name for i in range(self.model.njnt)])
+        self.names = [self.model.joint(i).name for i in range(self.model.njnt)]
+        self.effort = efforts(text, self.names)
         self.held = True  # by its brakes, until the first command
 
     def start(self, q):
@@ -146,11 +166,13 @@ class Ports:
         commands = self.patiently("drive/command", lambda s: s.publish_subscribe(DriveCommand).open())
         bell = self.patiently("drive/command", lambda s: s.event().open())
         states = self.patiently("drive/state", lambda s: s.publish_subscribe(DriveState).open())
+        texts = self.patiently("drive/text", lambda s: s.publish_subscribe(DriveText).open())
         state_bell = self.patiently("drive/state", lambda s: s.event().open())
         self.listener = bell.listener_builder().create()
         self.notifier = state_bell.notifier_builder().create()
         self.commands = commands.subscriber_builder().create()
-        self.sent = 0
+        self.texts = texts.publisher_builder().create()
+        self.sent = self.told = 0
         self.states = states.publisher_builder().create()  # last: with both, the drive counts as present
 
     def patiently(self, name, open_):
@@ -179,6 +201,10 @@ class Ports:
         self.states.send_copy(state)
         self.notifier.notify()
 
+    def tell(self, text):
+        text.sequence, self.told = self.told, self.told + 1
+        self.texts.send_copy(text)
+
 
 def run(arm, ports, guardian):
     by_the_clock, next_ns, count, obeyed_ns = False, 0, 0, 0
@@ -191,6 +217,7 @@ def run(arm, ports, guardian):
                 arm.start(c.q_r)
                 by_the_clock = not c.flags & LOCKSTEP
                 next_ns = time.monotonic_ns()
+                ports.tell(DriveText.of_joints(arm.names))  # before the answer
                 ports.send(arm.state(0, next_ns if by_the_clock else c.stamp, INITIAL))
                 continue
             if c.joints != arm.model.nv or not np.isfinite(c.tau).all():

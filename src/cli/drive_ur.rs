@@ -2,13 +2,16 @@
 
 use super::{LogArguments, exit_code, log_as_asked};
 use crate::ipc::Instance;
-use crate::process::{ProcessError, StopFlag, drive_ur};
+use crate::process::{DriveJoining, DrivePayload, ProcessError, StopFlag, drive_ur};
 use crate::rt::now;
 use clap::Parser;
 use std::net::IpAddr;
 use std::process::ExitCode;
 use std::time::Duration;
 use vservo_ur::ArmSettings;
+
+/// Longest name of a joint, bytes: seven of them fit into a text of the protocol.
+const LONGEST_NAME: usize = 63;
 
 /// `vservo-drive-ur`: moves an arm of Universal Robots for a run, as `drive.external.command` or by hand.
 #[derive(Debug, Parser)]
@@ -47,6 +50,21 @@ pub struct DriveUrCli {
     /// Longest time without a state of the robot, ms
     #[arg(long, value_name = "MS", default_value_t = 100, value_parser = clap::value_parser!(u64).range(16..=5000))]
     pub silence_ms: u64,
+    /// Names of the joints, in the robot's order, which are compared with those of the robot file; `none` tells none
+    #[arg(long, value_name = "NAME,NAME,...", value_delimiter = ',', num_args = 1, default_values_t = drive_ur::JOINT_NAMES.map(String::from))]
+    pub joint_names: Vec<String>,
+    /// Mass on the flange that the robot is told, kg, instead of `[tool]` of the run file
+    #[arg(long, value_name = "KG", value_parser = |s: &str| within(s, 0.0, 70.0))]
+    pub payload_kg: Option<f64>,
+    /// Its centre of mass in the frame of the flange, m
+    #[arg(long, value_name = "X,Y,Z", value_delimiter = ',', num_args = 1, allow_hyphen_values = true, requires = "payload_kg", value_parser = |s: &str| within(s, -1.0, 1.0))]
+    pub payload_com_m: Vec<f64>,
+    /// Its moments of inertia about that: xx, yy, zz, xy, xz, yz, kg m2 (software 5.10 and later)
+    #[arg(long, value_name = "XX,..,YZ", value_delimiter = ',', num_args = 1, allow_hyphen_values = true, requires = "payload_kg", value_parser = |s: &str| within(s, -100.0, 100.0))]
+    pub payload_inertia_kg_m2: Vec<f64>,
+    /// Tell the robot no payload: it stays as it is set there
+    #[arg(long, conflicts_with = "payload_kg")]
+    pub payload_as_set: bool,
     /// SCHED_FIFO priority, where it can be had; 0: none. Control has 80, and the thread that carries its messages one less
     #[arg(long, default_value_t = 78, value_parser = clap::value_parser!(u32).range(0..=99))]
     pub priority: u32,
@@ -69,6 +87,60 @@ fn within(text: &str, least: f64, most: f64) -> Result<f64, String> {
     if (least..=most).contains(&number) { Ok(number) } else { Err(format!("must be {least} to {most}")) }
 }
 
+/// What the options of a drive say of the payload.
+pub(super) struct PayloadOptions<'a> {
+    /// The word that they begin with.
+    pub(super) name: &'static str,
+    pub(super) mass_kg: Option<f64>,
+    pub(super) com_m: &'a [f64],
+    pub(super) moments_kg_m2: &'a [f64],
+    pub(super) as_set: bool,
+}
+
+impl PayloadOptions<'_> {
+    /// What is told; says what is wrong with numbers that no body has.
+    pub(super) fn payload(&self) -> Option<DrivePayload> {
+        let name = self.name;
+        let Some(mass_kg) = self.mass_kg else {
+            return Some(if self.as_set { DrivePayload::AsSet } else { DrivePayload::OfRunFile });
+        };
+        let com_m = match *self.com_m {
+            [] => [0.0; 3],
+            [x, y, z] => [x, y, z],
+            _ => {
+                crate::rt::tell(format_args!("--{name}-com-m takes three numbers, m"));
+                return None;
+            }
+        };
+        let moments = match self.moments_kg_m2 {
+            [] => [0.0; 6],
+            &[xx, yy, zz, xy, xz, yz] => [xx, yy, zz, xy, xz, yz],
+            _ => {
+                crate::rt::tell(format_args!(
+                    "--{name}-inertia-kg-m2 takes six numbers, xx,yy,zz,xy,xz,yz, kg m2"
+                ));
+                return None;
+            }
+        };
+        let given = DrivePayload::given(mass_kg, com_m, moments);
+        given.map_err(|problem| crate::rt::tell(format_args!("--{name}-inertia-kg-m2: {problem}"))).ok()
+    }
+}
+
+/// The names that are told; says what is wrong with a list that no robot of so many joints has.
+pub(super) fn joint_names(given: &[String], joints: usize) -> Option<Vec<String>> {
+    if given == ["none"] {
+        return Some(Vec::new());
+    }
+    let fits = given.len() == joints && given.iter().all(|name| (1..=LONGEST_NAME).contains(&name.len()));
+    if !fits {
+        crate::rt::tell(format_args!(
+            "--joint-names takes {joints} names of 1 to {LONGEST_NAME} bytes with commas between them, or `none`"
+        ));
+    }
+    fits.then(|| given.to_vec())
+}
+
 /// `vservo-drive-ur`.
 #[must_use]
 pub fn drive_ur_main() -> ExitCode {
@@ -89,7 +161,17 @@ fn drive(cli: &DriveUrCli) -> Result<u8, ProcessError> {
     if cli.unlock {
         return drive_ur::unlock(&settings);
     }
+    let options = PayloadOptions {
+        name: "payload",
+        mass_kg: cli.payload_kg,
+        com_m: &cli.payload_com_m,
+        moments_kg_m2: &cli.payload_inertia_kg_m2,
+        as_set: cli.payload_as_set,
+    };
+    let Some(payload) = options.payload() else { return Ok(2) };
+    let Some(joint_names) = joint_names(&cli.joint_names, vservo_ur::JOINTS) else { return Ok(2) };
     let name = cli.instance.clone().or_else(|| std::env::var("VSERVO_INSTANCE").ok());
     let instance: Instance = name.as_deref().unwrap_or("default").parse()?;
-    drive_ur::run(settings, cli.enable, cli.priority, &instance, &stop)
+    let joining = DriveJoining { instance, priority: cli.priority, joint_names, payload };
+    drive_ur::run(settings, cli.enable, &joining, &stop)
 }

@@ -4,7 +4,7 @@ use crate::config::Config;
 use crate::config::assemble::{AssembleError, q_start, simulated_settings};
 use crate::drive::{CommandMode, Drive, DriveCommand, SimulatedDrive, SimulatedDriveSettings};
 use crate::process::{ProcessError, StopFlag};
-use crate::robot::Robot;
+use crate::robot::{Inertia, Robot};
 use crate::rt::{now, tell};
 use crate::time::{MonoNs, TICK};
 use clap::Args;
@@ -14,6 +14,7 @@ use std::path::PathBuf;
 use std::str::FromStr;
 use std::time::Duration;
 use vservo_franka::emulator::{Emulator, EmulatorSettings, Fault, JointPlant};
+use vservo_franka::wire::Load;
 use vservo_franka::{JOINTS, JointLimits, Joints};
 
 /// `vservo emulate franka`.
@@ -72,7 +73,7 @@ pub(super) fn emulate_franka(arguments: &EmulateFrankaArguments) -> Result<u8, P
         ));
         return Ok(2);
     }
-    let plant = Box::new(SimulatedPlant::new(robot, q, settings)?);
+    let plant = Box::new(SimulatedPlant::new(robot, &config.tool, q, settings)?);
     let emulator = Emulator::start(EmulatorSettings {
         address: arguments.address,
         q: q.into(),
@@ -102,9 +103,13 @@ pub(super) fn emulate_franka(arguments: &EmulateFrankaArguments) -> Result<u8, P
     Ok(0)
 }
 
-/// The crate's own simulated arm behind an emulated controller: in a position loop, or under torques, to which the weights are added as the robot does.
+/// The crate's own simulated arm behind an emulated controller: in a position loop, or under torques, to which the weights are added that the robot knows: its own, and
+/// that of the load that it was told.
 struct SimulatedPlant {
     robot: Robot<JOINTS>,
+    /// Without anything on its flange, and with what it was told.
+    bare: Robot<JOINTS>,
+    known: Robot<JOINTS>,
     settings: SimulatedDriveSettings<JOINTS>,
     drive: SimulatedDrive<JOINTS>,
     mode: CommandMode,
@@ -116,13 +121,17 @@ struct SimulatedPlant {
 impl SimulatedPlant {
     fn new(
         robot: Robot<JOINTS>,
+        tool: &Inertia,
         q: SVector<f64, JOINTS>,
         mut settings: SimulatedDriveSettings<JOINTS>,
     ) -> Result<Self, AssembleError> {
         let mode = CommandMode::Position;
         settings.mode = mode;
         let drive = SimulatedDrive::new(robot.clone(), q, settings.clone())?;
-        Ok(Self { robot, settings, drive, mode, time: MonoNs::ZERO, q, qd: SVector::zeros() })
+        let nothing = Inertia { mass: -tool.mass, com: tool.com, about_com: -tool.about_com };
+        let bare = robot.clone().with_load(&nothing);
+        let known = bare.clone();
+        Ok(Self { robot, bare, known, settings, drive, mode, time: MonoNs::ZERO, q, qd: SVector::zeros() })
     }
 
     fn step(&mut self, mode: CommandMode, command: &DriveCommand<JOINTS>) -> (Joints, Joints) {
@@ -154,11 +163,17 @@ impl JointPlant for SimulatedPlant {
     }
 
     fn push(&mut self, tau: &Joints) -> (Joints, Joints) {
-        let tau = SVector::from(*tau) + self.robot.gravity(&self.q);
+        let tau = SVector::from(*tau) + self.known.gravity(&self.q);
         self.step(
             CommandMode::Torque,
             &DriveCommand { tau, q_r: self.q, qd_r: self.qd, qdd_r: SVector::zeros() },
         )
+    }
+
+    fn carry(&mut self, load: &Load) {
+        // For weights the moments of inertia do not matter.
+        let load = Inertia::point(load.mass_kg, load.com_F.into());
+        self.known = self.bare.clone().with_load(&load);
     }
 }
 
@@ -172,7 +187,8 @@ mod tests {
     fn weights_are_carried_and_a_change_of_mode_is_smooth() {
         let config = Config::load(Some(Path::new("fr3-emulated")), &[]).unwrap();
         let (robot, q) = (config.robot.build::<JOINTS>().unwrap(), q_start::<JOINTS>(&config).unwrap());
-        let mut plant = SimulatedPlant::new(robot, q, simulated_settings(&config).unwrap()).unwrap();
+        let mut plant =
+            SimulatedPlant::new(robot, &config.tool, q, simulated_settings(&config).unwrap()).unwrap();
         let mut at = q;
         for _ in 0..500 {
             at[1] += 1e-4;

@@ -28,6 +28,8 @@ pub struct RunAnswer {
     pub robot_state: Option<&'static str>,
     /// The maker's own code for that.
     pub robot_code: Option<u32>,
+    /// What the maker says of it, as the drive tells it.
+    pub robot_text: Option<String>,
     /// What a reset that was accepted waits for.
     pub waits_for: Option<&'static str>,
     /// What the last measurement showed of the target.
@@ -86,6 +88,7 @@ impl RunAnswer {
             fault: Fault::from_code(a.fault).map(Fault::describe),
             robot_state: (a.robot_state != 0).then(|| RobotState::from_code(a.robot_state).as_str()),
             robot_code: Some(a.robot_code).filter(|code| *code != 0),
+            robot_text: Some(a.robot_text()).filter(|words| !words.is_empty()),
             waits_for: (a.flags & answer_flag::CLEARING != 0)
                 .then(|| waits_for(RobotState::from_code(a.robot_state))),
             target: Some(TargetStatus::from_code(a.target).as_str()),
@@ -123,6 +126,7 @@ impl RunAnswer {
             fault: None,
             robot_state: None,
             robot_code: None,
+            robot_text: None,
             waits_for: None,
             target: None,
             camera: None,
@@ -173,6 +177,9 @@ impl RunAnswer {
         }
         if let Some(code) = self.robot_code {
             let _ = write!(line, " ({code})");
+        }
+        if let Some(words) = &self.robot_text {
+            let _ = write!(line, ": {}", printable(words));
         }
         if let Some(target) = &self.target_name {
             let _ = write!(line, ", target {}", printable(target));

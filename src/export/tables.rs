@@ -133,6 +133,8 @@ fn columns(layout: &RecordLayout, config: &Config) -> Vec<RecordColumn> {
 fn entries_in_use(field: &RecordField, config: &Config) -> usize {
     if joint_quantity(field.name).is_some() {
         config.robot.joint_count()
+    } else if field.name == "text" {
+        0 // bytes: words have no place in a table of numbers
     } else if field.name == "features" {
         config.target.points().len()
     } else {
@@ -185,7 +187,14 @@ mod tests {
     #[test]
     fn every_column_of_a_measured_number_names_its_unit() {
         let config = Config::load(None, &[]).unwrap();
-        for name in ["CameraHealth.v1", "DriveCommand.v3", "DriveState.v3", "FrameHeader.v2", "Request.v3"] {
+        for name in [
+            "CameraHealth.v1",
+            "DriveCommand.v3",
+            "DriveState.v3",
+            "DriveText.v1",
+            "FrameHeader.v2",
+            "Request.v3",
+        ] {
             assert!(layout_of(&format!("vservo.{name}")).is_some(), "{name}");
         }
         let layouts = [JointState::LAYOUT, Measurement::LAYOUT, Status::LAYOUT, TraceMsg::LAYOUT];

@@ -159,13 +159,14 @@ impl<W: Write> ViewerOutput<W> {
 /// The layout of the records of this version whose versioned name is `type_name`.
 pub(super) fn layout_of(type_name: &str) -> Option<&'static crate::messages::RecordLayout> {
     use crate::messages::{
-        CameraHealth, DriveCommandMsg, DriveStateMsg, FrameHeader, JointState, Measurement, RequestMsg,
-        Status, TraceMsg,
+        CameraHealth, DriveCommandMsg, DriveStateMsg, DriveTextMsg, FrameHeader, JointState, Measurement,
+        RequestMsg, Status, TraceMsg,
     };
     let all = [
         CameraHealth::LAYOUT,
         DriveCommandMsg::LAYOUT,
         DriveStateMsg::LAYOUT,
+        DriveTextMsg::LAYOUT,
         FrameHeader::LAYOUT,
         JointState::LAYOUT,
         Measurement::LAYOUT,

@@ -28,6 +28,8 @@ pub enum Channel {
     DriveCommand,
     /// States of an external drive.
     DriveState,
+    /// Words of an external drive.
+    DriveText,
 }
 
 /// The service's name.
@@ -45,6 +47,7 @@ impl fmt::Display for Channel {
             Self::Command => f.write_str("control/command"),
             Self::DriveCommand => f.write_str("drive/command"),
             Self::DriveState => f.write_str("drive/state"),
+            Self::DriveText => f.write_str("drive/text"),
         }
     }
 }

@@ -14,8 +14,9 @@
 //! control/command            ControlCommand, -Answer    on demand ctl        control, which answers
 //! drive/command              DriveCommandMsg            1 kHz     control    external drive
 //! drive/state                DriveStateMsg              1 kHz     ext. drive control
+//! drive/text                 DriveTextMsg               on demand ext. drive control
 //! ```
-//! All but health, status, trace, request and command have an event of the same name beside them that wakes the reader.
+//! All but health, status, trace, request, command and text have an event of the same name beside them that wakes the reader.
 
 mod agreement;
 mod caretaker;

@@ -1,6 +1,7 @@
 //! Every service of an instance, with its limits, in one place: the process that comes first creates it, the others
 //! open it, and all must ask for the same.
 
+mod drive;
 mod image;
 mod recorder;
 mod viewer;
@@ -14,11 +15,10 @@ use super::frame_shape::{FrameShape, MAX_READERS};
 use super::ports::{
     FrameReceiver, FrameSender, QuietFrameReceiver, Receiver, Sender, WakeListener, WakeNotifier,
 };
-use super::presence::{DrivePresence, PeerPresence, type_of, type_of_service};
+use super::presence::{PeerPresence, type_of, type_of_service};
 use super::{Instance, InstanceError, IpcError, Node, PubSub};
 use crate::messages::{
-    CameraHealth, CameraId, ControlAnswer, ControlCommand, DriveCommandMsg, DriveStateMsg, FrameHeader,
-    JointState, Measurement, Status,
+    CameraHealth, CameraId, ControlAnswer, ControlCommand, FrameHeader, JointState, Measurement, Status,
 };
 use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
@@ -219,52 +219,6 @@ impl Services {
     pub fn command_client(&self) -> Result<CommandClient, IpcError> {
         let port = self.commands(false)?.client_builder().create();
         Ok(CommandClient::new(port.map_err(|e| port_error(Channel::Command, e))?))
-    }
-
-    /// Control's end of `drive/command`.
-    ///
-    /// # Errors
-    /// When the service or the port cannot be made.
-    pub fn drive_command_sender(&self) -> Result<Sender<DriveCommandMsg>, IpcError> {
-        self.sender(Channel::DriveCommand, DRIVE_RECORDER_BUFFER)
-    }
-
-    /// An external drive's end of `drive/command`, and the waker that rings with it. To be made before that of
-    /// `drive/state`: with both, the drive counts as present.
-    ///
-    /// # Errors
-    /// When the service or the port cannot be made.
-    pub fn drive_command_receiver(&self) -> Result<(Receiver<DriveCommandMsg>, WakeListener), IpcError> {
-        let receiver = self.receiver(Channel::DriveCommand, DRIVE_RECORDER_BUFFER, DRIVE_BUFFER)?;
-        Ok((receiver, self.wake_listener(Channel::DriveCommand)?))
-    }
-
-    /// An external drive's end of `drive/state`.
-    ///
-    /// # Errors
-    /// When the service or the port cannot be made.
-    pub fn drive_state_sender(&self) -> Result<Sender<DriveStateMsg>, IpcError> {
-        self.sender(Channel::DriveState, DRIVE_RECORDER_BUFFER)
-    }
-
-    /// Control's end of `drive/state`, and the waker that rings with it.
-    ///
-    /// # Errors
-    /// When the service or the port cannot be made.
-    pub fn drive_state_receiver(&self) -> Result<(Receiver<DriveStateMsg>, WakeListener), IpcError> {
-        let receiver = self.receiver(Channel::DriveState, DRIVE_RECORDER_BUFFER, DRIVE_BUFFER)?;
-        Ok((receiver, self.wake_listener(Channel::DriveState)?))
-    }
-
-    /// The look-out for an external drive.
-    ///
-    /// # Errors
-    /// When a service cannot be opened.
-    pub fn drive_presence(&self) -> Result<DrivePresence, IpcError> {
-        let states = self.publish_subscribe::<DriveStateMsg>(Channel::DriveState, DRIVE_RECORDER_BUFFER)?;
-        let commands =
-            self.publish_subscribe::<DriveCommandMsg>(Channel::DriveCommand, DRIVE_RECORDER_BUFFER)?;
-        Ok(DrivePresence::new(states, commands, self.node.config().clone()))
     }
 
     /// The look-out for these cameras and for the vision process of the first of them.

@@ -135,6 +135,7 @@ fn one_trial(
     let (_place, _written) = InstanceGuard::take(config, instance)?;
     let membership = Membership::join(instance, Role::Control, config)?;
     let services = membership.services();
+    let texts = services.drive_text_receiver()?;
     let (state, listener) = services.drive_state_receiver()?;
     let (command, presence) = (services.drive_command_sender()?, services.drive_presence()?);
     let external = &config.drive.external;
@@ -146,6 +147,7 @@ fn one_trial(
         arm,
         sent: Vec::new(),
         received: Vec::new(),
+        texts: Vec::new(),
         phases: Vec::new(),
         until: now(),
         given_up: None,
@@ -159,6 +161,7 @@ fn one_trial(
         presence,
         command,
         state,
+        texts,
         listener,
         program,
         answer_timeout: external.answer_timeout,

@@ -6,24 +6,28 @@
 //! The robot holds its weight and makes up for its friction by itself. Of torques that contain its weight, which commands tell (`drive.torque_contains`), the weights of the run's robot
 //! file are taken away here, with its `[tool]`; friction is control's to leave out.
 
-use super::drive_robot::{self, RobotArm, joints};
+use super::drive_robot::{self, DriveJoining, RobotArm, joints};
 use super::{ProcessError, StopFlag};
 use crate::config::Config;
 use crate::drive::CommandMode;
-use crate::ipc::Instance;
 use crate::messages::{DriveCommandMsg, DriveStateMsg, RobotState, drive_flag};
 use crate::robot::Robot;
-use crate::rt::tell;
+use crate::rt::{ClockEstimate, tell};
 use crate::time::MonoNs;
 use nalgebra::SVector;
 use std::time::Duration;
 use vservo_franka::arm::{ArmState, Recovered};
+use vservo_franka::wire::Load;
 use vservo_franka::{Arm, ArmSettings, Command, CommandKind, JOINTS, RobotMode, first_error};
+
+/// The joints, as the maker's own descriptions name them behind the name of the arm (`fr3_joint1`).
+pub const JOINT_NAMES: [&str; JOINTS] =
+    ["joint1", "joint2", "joint3", "joint4", "joint5", "joint6", "joint7"];
 
 /// An arm, and the model of the run that knows its weights.
 struct FrankaArm<'a> {
     arm: Arm,
-    instance: &'a Instance,
+    joining: &'a DriveJoining,
     model: Option<Box<Robot<JOINTS>>>,
 }
 
@@ -51,6 +55,10 @@ impl RobotArm for FrankaArm<'_> {
         self.arm.missed()
     }
 
+    fn clock(&self) -> Option<ClockEstimate> {
+        self.arm.clock()
+    }
+
     fn begin(&mut self, mode: u32, stop: &dyn Fn() -> bool) -> Result<bool, ProcessError> {
         self.arm.make_ready()?;
         if stop() {
@@ -63,9 +71,16 @@ impl RobotArm for FrankaArm<'_> {
         };
         if kind == CommandKind::Torque {
             // Written by the supervisor, and the file that control itself has.
-            let config = Config::load(Some(&self.instance.config_path()), &[])?;
+            let config = Config::load(Some(&self.joining.instance.config_path()), &[])?;
             self.model = Some(Box::new(config.robot.build::<JOINTS>()?));
         }
+        let body = self.joining.payload.of_run(Self::PROGRAM, &self.joining.instance)?;
+        // The matrix is symmetric: row by row is column by column.
+        self.arm.set_load(body.map(|body| Load {
+            mass_kg: body.mass,
+            com_F: body.com.into(),
+            inertia_kg_m2: std::array::from_fn(|i| body.about_com[(i % 3, i / 3)]),
+        }));
         self.arm.start(kind)?;
         Ok(true)
     }
@@ -134,22 +149,17 @@ impl RobotArm for FrankaArm<'_> {
     }
 }
 
-/// Runs the drive until the run ends, whatever ends it; what it leaves is an arm at rest. Takes SCHED_FIFO of this priority where it is not 0 and can be had.
+/// Runs the drive until the run ends, whatever ends it; what it leaves is an arm at rest.
 ///
 /// # Errors
 /// When the robot cannot be moved, or no longer, and when the run cannot be joined.
-pub fn run(
-    settings: ArmSettings,
-    priority: u32,
-    instance: &Instance,
-    stop: &StopFlag,
-) -> Result<u8, ProcessError> {
+pub fn run(settings: ArmSettings, joining: &DriveJoining, stop: &StopFlag) -> Result<u8, ProcessError> {
     let connect = || {
         let arm = Arm::connect(settings)?;
         let about = format!("robot at {}, FCI version {}", settings.host, vservo_franka::wire::VERSION);
-        Ok((FrankaArm { arm, instance, model: None }, about))
+        Ok((FrankaArm { arm, joining, model: None }, about))
     };
-    drive_robot::run(connect, priority, instance, stop)
+    drive_robot::run(connect, joining, stop)
 }
 
 /// What the robot is beside its joints. One that is guided by hand comes back by a reset, as one whose motion was ended.

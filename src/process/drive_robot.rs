@@ -3,17 +3,18 @@
 //! ```text
 //! drive/command (1 kHz) ─► the newest, at each state ─► the robot, by its own wire
 //! drive/state           ◄─ each state, with the time of its sample ◄─ the robot
+//! drive/text            ◄─ the joints' names with START, and why the robot has stopped
 //! START ─► ready? begun ─► INITIAL      LAST, a stop, silence ─► braked, at rest, ended      a fault ─► its words, exit code 4
 //! the robot stops ─► its words, states with what the robot is ─ CLEAR ─► cleared, begun again ─► ready
 //! ```
 //! The robot's states set the pace: a state comes, is passed on, and the newest command goes back. Without commands for a tenth of a second the arm is braked; without
 //! this process the robot does so. While the guardian's stop stands, the arm is held whatever is commanded.
 
-use super::{ProcessError, StopFlag};
+use super::{DrivePayload, ProcessError, StopFlag};
 use crate::config::RealtimeRequest;
-use crate::ipc::{Instance, Receiver, Sender, Services, StopWord};
-use crate::messages::{DriveCommandMsg, DriveStateMsg, drive_flag};
-use crate::rt::{now, prepare_thread, tell};
+use crate::ipc::{Instance, QuietSender, Receiver, Sender, Services, StopWord};
+use crate::messages::{DriveCommandMsg, DriveStateMsg, DriveTextMsg, RobotState, drive_flag};
+use crate::rt::{ClockEstimate, now, prepare_thread, tell};
 use crate::time::{MonoNs, SpanNs};
 use std::time::Duration;
 
@@ -47,6 +48,8 @@ pub(super) trait RobotArm {
     fn last(&self) -> Option<Self::State>;
     /// States that were missing, and the longest delay of one, ns.
     fn missed(&self) -> (u64, i64);
+    /// What is known of its clock.
+    fn clock(&self) -> Option<ClockEstimate>;
     /// Sees to it that it obeys commands of this mode from now on; false where `stop` said that nobody wants it any more.
     fn begin(&mut self, mode: u32, stop: &dyn Fn() -> bool) -> Result<bool, Self::Error>;
     /// Answers the newest state.
@@ -76,21 +79,33 @@ pub(super) fn joints<const N: usize>(values: &[f64]) -> [f64; N] {
     std::array::from_fn(|i| values.get(i).copied().unwrap_or(f64::NAN))
 }
 
-/// Runs the drive until the run ends, whatever ends it; what it leaves is an arm at rest. `connect` gives the robot, and what to tell of it. Takes SCHED_FIFO of this
-/// priority where it is not 0 and can be had.
+/// How a run is joined.
+#[derive(Debug, Clone)]
+pub struct DriveJoining {
+    /// Its instance.
+    pub instance: Instance,
+    /// SCHED_FIFO priority that is taken where it can be had; 0 for none.
+    pub priority: u32,
+    /// Names of the joints that are told, in the robot's order; without any, none are told.
+    pub joint_names: Vec<String>,
+    /// What the robot is told of what hangs on its flange.
+    pub payload: DrivePayload,
+}
+
+/// Runs the drive until the run ends, whatever ends it; what it leaves is an arm at rest. `connect` gives the robot, and what to tell of it.
 pub(super) fn run<A: RobotArm>(
     connect: impl FnOnce() -> Result<(A, String), ProcessError>,
-    priority: u32,
-    instance: &Instance,
+    joining: &DriveJoining,
     stop: &StopFlag,
 ) -> Result<u8, ProcessError> {
-    if priority > 0 {
-        let asked = RealtimeRequest { priority, cpu: None, lock_memory: false };
+    let DriveJoining { instance, priority, .. } = joining;
+    if *priority > 0 {
+        let asked = RealtimeRequest { priority: *priority, cpu: None, lock_memory: false };
         if let Some(Err(refusal)) = prepare_thread(&asked).fifo {
             tell(format_args!("{}: normal priority (SCHED_FIFO: {refusal})", A::PROGRAM));
         }
     }
-    let result = drive(connect, instance, stop);
+    let result = drive(connect, joining, stop);
     if let Err(error) = &result {
         instance.leave_words_of_drive(&error.to_string());
     }
@@ -100,13 +115,15 @@ pub(super) fn run<A: RobotArm>(
 
 fn drive<A: RobotArm>(
     connect: impl FnOnce() -> Result<(A, String), ProcessError>,
-    instance: &Instance,
+    joining: &DriveJoining,
     stop: &StopFlag,
 ) -> Result<u8, ProcessError> {
+    let DriveJoining { instance, joint_names, .. } = joining;
     let (arm, about) = connect()?;
     tell(format_args!("{}: {about}", A::PROGRAM));
     let services = Services::join(instance)?;
     // In this order: with both, the drive counts as present.
+    let texts = services.drive_text_sender()?;
     let (commands, _listener) = services.drive_command_receiver()?;
     let states = services.drive_state_sender()?;
     let (run, word) = (DriveStage::Waits, None);
@@ -115,6 +132,9 @@ fn drive<A: RobotArm>(
         arm,
         commands,
         states,
+        texts,
+        joint_names,
+        texts_sent: 0,
         sent: 0,
         count: 0,
         run,
@@ -127,11 +147,20 @@ fn drive<A: RobotArm>(
         link.arm.abandon();
     }
     let (missed, delay_ns) = link.arm.missed();
+    // A run that was too short tells no drift.
+    let clock = link.arm.clock().filter(|clock| clock.drift_sd_ppm.is_finite()).map(|clock| {
+        let ClockEstimate { drift_ppm, drift_sd_ppm, offset_sd_ns, .. } = clock;
+        format!(
+            ", its clock slower by {drift_ppm:.1} +- {drift_sd_ppm:.1} ppm, stamps within {:.3} ms",
+            offset_sd_ns * 1e-6
+        )
+    });
     tell(format_args!(
-        "{}: {} states, {missed} missed, latest by {:.1} ms",
+        "{}: {} states, {missed} missed, latest by {:.1} ms{}",
         A::PROGRAM,
         link.count,
-        SpanNs(delay_ns).as_s() * 1e3
+        SpanNs(delay_ns).as_s() * 1e3,
+        clock.unwrap_or_default()
     ));
     result
 }
@@ -163,6 +192,9 @@ struct Link<'a, A: RobotArm> {
     arm: A,
     commands: Receiver<DriveCommandMsg>,
     states: Sender<DriveStateMsg>,
+    texts: QuietSender<DriveTextMsg>,
+    joint_names: &'a [String],
+    texts_sent: u64,
     sent: u64,
     count: u64,
     run: DriveStage<A::Command>,
@@ -231,10 +263,28 @@ impl<A: RobotArm> Link<'_, A> {
         }
     }
 
-    /// Why the robot does not move: for the log, and for the summary where the run ends by it.
-    fn tell_stop(&self, error: &A::Error) {
+    /// Why the robot does not move: for the log, for who asks how things stand, and for the summary where the run ends by it.
+    fn tell_stop(&mut self, error: &A::Error) {
         tell(format_args!("{}: {error}", A::PROGRAM));
-        self.instance.leave_words_of_drive(&error.to_string());
+        let words = error.to_string();
+        self.instance.leave_words_of_drive(&words);
+        self.send_words(&words);
+    }
+
+    /// What there is to say of the robot's newest state. What cannot be sent is in the log all the same.
+    fn send_words(&mut self, words: &str) {
+        let mut state = DriveStateMsg::default();
+        if let Some(last) = self.arm.last() {
+            self.arm.describe(&last, &mut state);
+        }
+        let robot_state = RobotState::from_code(state.robot_state);
+        let _ = self.send_text(DriveTextMsg::of_robot(robot_state, state.robot_code, words));
+    }
+
+    fn send_text(&mut self, mut text: DriveTextMsg) -> Result<(), ProcessError> {
+        (text.sequence, text.stamp) = (self.texts_sent, now());
+        self.texts_sent += 1;
+        Ok(self.texts.send(|| text)?)
     }
 
     /// A step of a robot that has stopped by itself.
@@ -244,6 +294,7 @@ impl<A: RobotArm> Link<'_, A> {
             Ok(true) => {
                 self.clear = ClearWish::Fulfilled;
                 self.instance.leave_words_of_drive(""); // what comes later has other reasons
+                self.send_words("");
                 tell(format_args!("{}: {}", A::PROGRAM, A::BACK));
             }
             Err(error) if A::is_of_the_connection(&error) => return Err(error.into()),
@@ -273,6 +324,10 @@ impl<A: RobotArm> Link<'_, A> {
                 return Ok(());
             }
             self.run = DriveStage::Held;
+        }
+        // Before the answer, which control takes with what came before it.
+        if !self.joint_names.is_empty() {
+            self.send_text(DriveTextMsg::of_joints(self.joint_names))?;
         }
         match self.arm.last() {
             Some(state) => self.send(&state, 0, drive_flag::INITIAL),

@@ -4,36 +4,47 @@
 //! commands ─► registers ─► program on the robot: servoj, speedj          states ◄─ RTDE, 500 or 125 Hz
 //! ```
 
-use super::drive_robot::{self, RobotArm, joints};
+use super::drive_payload::moments;
+use super::drive_robot::{self, DriveJoining, RobotArm, joints};
 use super::{ProcessError, StopFlag};
 use crate::drive::CommandMode;
-use crate::ipc::Instance;
 use crate::messages::{DriveCommandMsg, DriveStateMsg, RobotState};
-use crate::rt::tell;
+use crate::rt::{ClockEstimate, tell};
 use crate::time::MonoNs;
 use std::time::Duration;
 use vservo_ur::arm::{ArmState, Recovered};
 use vservo_ur::program::state as program_state;
-use vservo_ur::{Arm, ArmSettings, Command, JOINTS, RobotMode, SafetyMode, UrError};
+use vservo_ur::{Arm, ArmSettings, Command, JOINTS, Payload, RobotMode, SafetyMode, UrError};
 
-/// An arm, and whether it may be powered and its brakes be opened.
-struct UrArm {
+/// The joints, as the maker's own description of its arms names them.
+pub const JOINT_NAMES: [&str; JOINTS] = [
+    "shoulder_pan_joint",
+    "shoulder_lift_joint",
+    "elbow_joint",
+    "wrist_1_joint",
+    "wrist_2_joint",
+    "wrist_3_joint",
+];
+
+/// An arm, whether it may be powered and its brakes be opened, and what it carries.
+struct UrArm<'a> {
     arm: Arm,
     enable: bool,
+    joining: &'a DriveJoining,
 }
 
-impl RobotArm for UrArm {
+impl RobotArm for UrArm<'_> {
     type State = ArmState;
     type Command = Command;
-    type Error = UrError;
+    type Error = ProcessError;
     const PROGRAM: &'static str = "vservo-drive-ur";
     const BACK: &'static str = "the robot's program runs again";
     const JOINTS: usize = JOINTS;
     const MODES: u32 = (1 << CommandMode::Velocity as u32) | (1 << CommandMode::Position as u32);
     const HOLD: Command = Command::Hold;
 
-    fn next(&mut self, wait: Duration) -> Result<Option<ArmState>, UrError> {
-        self.arm.next(wait)
+    fn next(&mut self, wait: Duration) -> Result<Option<ArmState>, ProcessError> {
+        Ok(self.arm.next(wait)?)
     }
 
     fn last(&self) -> Option<ArmState> {
@@ -44,20 +55,31 @@ impl RobotArm for UrArm {
         self.arm.missed()
     }
 
-    fn begin(&mut self, _: u32, stop: &dyn Fn() -> bool) -> Result<bool, UrError> {
+    fn clock(&self) -> Option<ClockEstimate> {
+        self.arm.clock()
+    }
+
+    fn begin(&mut self, _: u32, stop: &dyn Fn() -> bool) -> Result<bool, ProcessError> {
+        let DriveJoining { instance, payload, .. } = self.joining;
+        let body = payload.of_run(Self::PROGRAM, instance)?;
+        self.arm.set_payload(body.map(|body| Payload {
+            mass_kg: body.mass,
+            com_m: body.com.into(),
+            inertia_kg_m2: moments(&body),
+        }));
         Ok(self.arm.make_ready(self.enable, stop)? && self.arm.start().map(|()| true)?)
     }
 
-    fn command(&mut self, what: Command) -> Result<(), UrError> {
-        self.arm.command(what)
+    fn command(&mut self, what: Command) -> Result<(), ProcessError> {
+        Ok(self.arm.command(what)?)
     }
 
-    fn is_of_the_robot(error: &UrError) -> bool {
-        error.is_of_the_robot()
+    fn is_of_the_robot(error: &ProcessError) -> bool {
+        matches!(error, ProcessError::Ur(error) if error.is_of_the_robot())
     }
 
-    fn is_of_the_connection(error: &UrError) -> bool {
-        matches!(error, UrError::Lost { .. } | UrError::Wire { .. })
+    fn is_of_the_connection(error: &ProcessError) -> bool {
+        !matches!(error, ProcessError::Ur(error) if !matches!(error, UrError::Lost { .. } | UrError::Wire { .. }))
     }
 
     fn halt(&mut self) {
@@ -68,12 +90,12 @@ impl RobotArm for UrArm {
         self.arm.is_halted()
     }
 
-    fn recover(&mut self, asked: bool) -> Result<bool, UrError> {
+    fn recover(&mut self, asked: bool) -> Result<bool, ProcessError> {
         Ok(self.arm.recover(asked)? == Recovered::Ready)
     }
 
-    fn come_to_rest(&mut self) -> Result<(), UrError> {
-        self.arm.come_to_rest()
+    fn come_to_rest(&mut self) -> Result<(), ProcessError> {
+        Ok(self.arm.come_to_rest()?)
     }
 
     fn abandon(&mut self) {
@@ -102,25 +124,23 @@ impl RobotArm for UrArm {
     }
 }
 
-/// Runs the drive until the run ends, whatever ends it; what it leaves is an arm at rest. Powers the arm and releases its brakes only with `enable`. Takes SCHED_FIFO
-/// of this priority where it is not 0 and can be had.
+/// Runs the drive until the run ends, whatever ends it; what it leaves is an arm at rest. Powers the arm and releases its brakes only with `enable`.
 ///
 /// # Errors
 /// When the robot cannot be moved, or no longer, and when the run cannot be joined.
 pub fn run(
     settings: ArmSettings,
     enable: bool,
-    priority: u32,
-    instance: &Instance,
+    joining: &DriveJoining,
     stop: &StopFlag,
 ) -> Result<u8, ProcessError> {
     let connect = || {
         let arm = Arm::connect(settings)?;
         let (host, version, rate_hz) = (settings.host, arm.version(), arm.series().rate_hz());
         let about = format!("robot at {host}, software {version}, {rate_hz:.0} Hz");
-        Ok((UrArm { arm, enable }, about))
+        Ok((UrArm { arm, enable, joining }, about))
     };
-    drive_robot::run(connect, priority, instance, stop)
+    drive_robot::run(connect, joining, stop)
 }
 
 /// What the robot is beside its joints.

@@ -127,6 +127,9 @@ pub enum ProcessError {
         /// The robot's.
         robot: u32,
     },
+    /// The external drive has other joints.
+    #[error(transparent)]
+    DriveJointNames(#[from] crate::drive::JointNamesError),
     /// The external drive says that the arm is where no arm is, or moves as none does.
     #[error(
         "the external drive's first state has joint {joint} at {q} rad or m, moving with {qd} rad/s or m/s: no arm does that; \
@@ -379,6 +382,7 @@ impl ProcessError {
             | Self::Replay { .. }
             | Self::DriveRecording { .. }
             | Self::DriveJoints { .. }
+            | Self::DriveJointNames(_)
             | Self::DriveMode { .. }
             | Self::DriveState { .. }
             | Self::DriveWithoutTorques { .. }

@@ -12,6 +12,8 @@ pub mod drive_franka;
 #[cfg(feature = "cli")]
 pub mod drive_guard;
 #[cfg(feature = "cli")]
+mod drive_payload;
+#[cfg(feature = "cli")]
 mod drive_robot;
 #[cfg(feature = "cli")]
 pub mod drive_ur;
@@ -51,6 +53,10 @@ pub mod supervisor;
 #[cfg(feature = "cli")]
 pub mod vision;
 
+#[cfg(feature = "cli")]
+pub use drive_payload::DrivePayload;
+#[cfg(feature = "cli")]
+pub use drive_robot::DriveJoining;
 pub use error::ProcessError;
 pub(crate) use leftovers::LeftoversGuard;
 #[cfg(feature = "cli")]

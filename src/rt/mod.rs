@@ -40,4 +40,6 @@ pub use scheduling::{
 pub use service_manager::{ServiceWatchdog, tell_service_manager};
 #[cfg(feature = "cli")]
 pub use terminal::Terminal;
+#[doc(inline)]
+pub use vservo_clock::{ClockEstimate, ClockMap};
 pub use write_file::{IsRead, check_writable, write_file};

@@ -11,8 +11,8 @@ use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 use vservo::config::Config;
 use vservo::drive::{CommandMode, Drive, DriveCommand, SimulatedDrive};
-use vservo::ipc::{Instance as Place, Sender, Services, StopWord};
-use vservo::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, RobotState, drive_flag};
+use vservo::ipc::{Instance as Place, QuietSender, Sender, Services, StopWord};
+use vservo::messages::{DriveCommandMsg, DriveStateMsg, DriveTextMsg, MAX_JOINTS, RobotState, drive_flag};
 use vservo::robot::Robot;
 use vservo::rt;
 use vservo::time::TICK;
@@ -33,6 +33,7 @@ const BRAKES_AFTER: SpanNs = SpanNs(150_000_000);
 struct TestDrive {
     drive: SimulatedDrive<N>,
     states: Sender<DriveStateMsg>,
+    texts: QuietSender<DriveTextMsg>,
     behaviour: Behaviour,
     sent: u64,
     /// The last command, and when it came; none while the arm is held by its brakes.
@@ -49,6 +50,8 @@ struct TestDrive {
     clears_in: u32,
 }
 
+/// What this maker says of a stop.
+pub const MAKERS_WORDS: &str = "C153A0: joint 2 has moved farther than its path says";
 /// Commands with CLEAR that it takes to clear an error.
 const CLEARS_AFTER: u32 = 300;
 
@@ -57,7 +60,8 @@ fn vector(v: &[f64; MAX_JOINTS]) -> SVector<f64, N> {
 }
 
 impl TestDrive {
-    fn new(states: Sender<DriveStateMsg>, behaviour: Behaviour, config: &Config) -> Self {
+    fn new(services: &Services, behaviour: Behaviour, config: &Config) -> Self {
+        let (texts, states) = (services.drive_text_sender().unwrap(), services.drive_state_sender().unwrap());
         let robot = config.robot.build::<N>().unwrap();
         let q = vservo::config::assemble::q_start(config).unwrap();
         let settings = vservo::config::assemble::simulated_settings(config).unwrap();
@@ -66,6 +70,7 @@ impl TestDrive {
         Self {
             drive,
             states,
+            texts,
             behaviour,
             sent: 0,
             obeyed: None,
@@ -95,6 +100,7 @@ impl TestDrive {
                 let settings = vservo::config::assemble::simulated_settings(&self.config).unwrap();
                 self.drive = SimulatedDrive::new(robot, q, settings).unwrap();
                 (self.robot, self.obeyed) = (stops, None);
+                self.say(MAKERS_WORDS);
             }
         } else if is_asked && stops == RobotState::ProtectiveStop {
             self.clears_in -= 1;
@@ -103,6 +109,29 @@ impl TestDrive {
             }
         }
         !self.robot.obeys()
+    }
+
+    /// With START, before the answer.
+    fn tell_names(&self) {
+        let mut names: Vec<_> = self.config.robot.joints.iter().map(|joint| joint.name.clone()).collect();
+        match self.behaviour.what.as_str() {
+            "knows_no_names" => return,
+            "swapped_names" => names.swap(0, 1),
+            "other_names" => names = names.iter().map(|name| format!("{name}_of_another")).collect(),
+            "fewer_names" => drop(names.pop()),
+            _ => {}
+        }
+        let mut text = DriveTextMsg::of_joints(&names);
+        if self.behaviour.what == "turned_joint" {
+            text.signs[1] = -1.0;
+        }
+        self.texts.send(|| text).unwrap();
+    }
+
+    /// What the maker says of the robot, which begins as it does.
+    fn say(&self, words: &str) {
+        let code = if self.robot.obeys() { 0 } else { 42 };
+        self.texts.send(|| DriveTextMsg::of_robot(self.robot, code, words)).unwrap();
     }
 
     fn misbehaves(&self, what: &str, tick: u64) -> bool {
@@ -267,7 +296,7 @@ fn serve(place: &Place, config: &Config, behaviour: Behaviour) {
         let _states = services.drive_state_sender().unwrap();
         std::thread::sleep(Duration::from_secs(600));
     }
-    let mut drive = TestDrive::new(services.drive_state_sender().unwrap(), behaviour, config);
+    let mut drive = TestDrive::new(&services, behaviour, config);
     let mut by_the_clock = false;
     let (mut next, mut count) = (rt::now(), 0);
     loop {
@@ -278,6 +307,7 @@ fn serve(place: &Place, config: &Config, behaviour: Behaviour) {
             if c.flags & drive_flag::START != 0 {
                 assert_eq!(c.q_r[..N], config.start.q[..]);
                 drive.word = place.open_stop_word().unwrap();
+                drive.tell_names();
                 by_the_clock = c.flags & drive_flag::LOCKSTEP == 0;
                 next = rt::now();
                 drive.send(0, if by_the_clock { next } else { c.stamp }, drive_flag::INITIAL);

@@ -82,6 +82,7 @@ fn an_honest_drive_passes() {
     for rule in [
         "answer",
         "every_start",
+        "joint_names",
         "modes",
         "truth",
         "sequence",
@@ -107,6 +108,8 @@ fn what_a_drive_does_wrong_at_rest_is_found() {
         ("leave@300", "velocity", "stays"),
         ("endless_speed", "velocity", "finite"),
         ("absurd_place", "position", "range"),
+        ("swapped_names", "position", "joint_names"),
+        ("turned_joint", "velocity", "joint_names"),
     ] {
         let mode = format!("drive.mode={mode}");
         let (output, answer) = of_drive(behaviour, &["--no-motion", "--set", &mode]);

@@ -87,13 +87,16 @@ fn positions_and_velocities_converge_in_real_time() {
     }
 }
 
-/// The emulator of the command line, with the arm of the run file behind it: positions, and torques less its weights.
+/// The emulator of the command line, with the arm of the run file behind it: positions, torques less its weights, and torques with a tool whose weight the robot adds
+/// because it was told of it.
 #[test]
 fn the_run_files_own_arm_converges_behind_the_wire() {
-    for mode in ["position", "torque"] {
+    let tool = ["--set", "tool.mass_kg=1.5", "--set", "tool.com_m=[0.0, 0.0, 0.08]"];
+    for (mode, carried) in [("position", &[][..]), ("torque", &[]), ("torque", &tool)] {
         let host = address();
         let mut emulator = vservo()
             .args(["emulate", "franka", "--missed-cycles", "1000", "--address", &host.to_string()])
+            .args(carried)
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
             .spawn()
@@ -101,7 +104,7 @@ fn the_run_files_own_arm_converges_behind_the_wire() {
         wait_until("an emulator", || std::net::TcpStream::connect((host, 1337)).is_ok());
         let (command, mode) = (command(host, &[]), format!("drive.mode={mode}"));
         let set = ["config/fr3-emulated.toml", "--set", &command, "--set", &mode];
-        let r = run("fremulated", &[&set[..], &PATIENT].concat());
+        let r = run("fremulated", &[&set[..], &PATIENT, carried].concat());
         kill(emulator.id() as i32, "TERM");
         let told = emulator.wait().unwrap();
         assert_accurate(&r);

@@ -14,7 +14,7 @@ use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicU8, Ordering};
 use std::time::Duration;
 use vservo_ur::emulator::{Emulator, EmulatorSettings, Fault, StiffJoints};
-use vservo_ur::{Joints, RuntimeState, SafetyMode, Series};
+use vservo_ur::{Joints, Payload, RuntimeState, SafetyMode, Series};
 
 /// Start of `ur5e-emulated`, rad.
 const START: Joints = [0.4617, -1.7204, 1.4481, -1.2809, -1.8176, 0.9664];
@@ -96,6 +96,60 @@ fn both_series_and_modes_converge_in_real_time() {
         let gone: f64 = robot.arm().0.iter().zip(&START).map(|(a, b)| (a - b).abs()).sum();
         assert!(gone > 0.3, "{gone} rad: the arm behind the wire has moved");
         assert!(r.text().contains("vservo-drive-ur: robot at"), "{}", r.text());
+    }
+}
+
+/// The robot is told what the run file says of the tool, and what the drive's own options say instead. The arm need not move for that.
+#[test]
+fn the_tool_of_the_run_file_goes_to_the_robot() {
+    let tool = ["--set", "tool.mass_kg=1.5", "--set", "tool.com_m=[0.01, 0.0, 0.07]"];
+    let inertia = ["--set", "tool.inertia_kg_m2=[3e-3, 2e-3, 1e-3, 1e-4, 0.0, 0.0]"];
+    let told = |mass_kg, com_m, inertia_kg_m2| Payload { mass_kg, com_m, inertia_kg_m2 };
+    let own = ["--payload-kg", "0.8", "--payload-com-m", "0,0,0.04"];
+    for (options, set, expected) in [
+        (&[][..], &tool[..], told(1.5, [0.01, 0.0, 0.07], None)),
+        (
+            &[],
+            &[&tool[..], &inertia].concat(),
+            told(1.5, [0.01, 0.0, 0.07], Some([3e-3, 2e-3, 1e-3, 1e-4, 0.0, 0.0])),
+        ),
+        (&own, &tool, told(0.8, [0.0, 0.0, 0.04], None)),
+        (&["--payload-as-set"], &tool, told(0.0, [0.0; 3], None)),
+        (&[], &[], told(0.0, [0.0; 3], None)),
+    ] {
+        let robot = robot(Series::ESeries);
+        let command = command(robot.address(), options);
+        let brief = ["config/ur5e-emulated.toml", "--set", &command, "--set", "run.duration_s=0.3"];
+        let r = run("urtool", &[&brief[..], set].concat());
+        assert_eq!(robot.payload(), expected, "{options:?} {set:?}: {}", r.text());
+        let says = r.text().contains("the robot is told");
+        assert_eq!(says, expected.mass_kg > 0.0, "{}", r.text());
+    }
+}
+
+/// Joints that are named otherwise than in the run file's robot are refused with both lists, and the robot is left alone.
+#[test]
+fn a_robot_of_other_joints_is_refused_by_name() {
+    for (names, code) in [
+        ("a,b,c,d,e,f", 3),
+        ("shoulder_lift_joint,shoulder_pan_joint,elbow_joint,wrist_1_joint,wrist_2_joint,wrist_3_joint", 3),
+        ("one,two", 4), // the drive itself ends
+    ] {
+        let robot = robot(Series::ESeries);
+        let command = command(robot.address(), &["--joint-names", names]);
+        let r = run("urnames", &["config/ur5e-emulated.toml", "--set", &command]);
+        assert_eq!(r.output.status.code(), Some(code), "{}", r.text());
+        let text = r.text();
+        if names == "one,two" {
+            assert!(text.contains("--joint-names takes 6 names"), "{text}");
+        } else {
+            let mut lists =
+                [names.replace(',', ", "), "shoulder_pan_joint, shoulder_lift_joint, elbow_joint".into()]
+                    .into_iter();
+            assert!(lists.all(|list| text.contains(&list)), "{text}");
+        }
+        assert_eq!(robot.arm().0, START);
+        assert_at_rest(&robot);
     }
 }
 

@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used)]
 
 use crate::common::{assert_accurate, run, vservo, wait_until};
-use crate::drive::{command, external};
+use crate::drive::{MAKERS_WORDS, command, external};
 use crate::serve::Daemon;
 use serde_json::Value;
 
@@ -44,6 +44,10 @@ fn a_protective_stop_is_a_fault_that_a_reset_has_cleared() {
         let answer = status(&daemon);
         assert!(words(&answer, "fault").contains("protective stop"), "{answer}");
         assert_eq!((words(&answer, "robot_state"), &answer["robot_code"]), ("protective_stop", &42.into()));
+        assert_eq!(words(&answer, "robot_text"), MAKERS_WORDS);
+        let line = vservo().args(["ctl", "status", "--instance", &daemon.instance.name]).output().unwrap();
+        let line = String::from_utf8_lossy(&line.stdout).into_owned();
+        assert!(line.contains(&format!("robot protective_stop (42): {MAKERS_WORDS}")), "{line}");
         assert_eq!(answer["waits_for"], Value::Null, "nobody has asked: {answer}");
         daemon.refuses("start", "reset");
         wait_until("a reset that is taken", || daemon.ctl("reset").0 == Some(0));
@@ -54,6 +58,7 @@ fn a_protective_stop_is_a_fault_that_a_reset_has_cleared() {
         // Under torques an arm gives way by some milliradians when its brakes open.
         assert!(apart(&answer, &rested) < 1e-2, "it was held where it was stopped: {answer} {rested}");
         assert_eq!((&rested["fault"], words(&rested, "robot_state")), (&Value::Null, "ready"));
+        assert_eq!(rested["robot_text"], Value::Null, "that is over");
         daemon.accepts("start");
         let wait = vservo()
             .args(["ctl", "wait", "converged", "--timeout-s", "120", "--instance", &daemon.instance.name])
@@ -107,8 +112,41 @@ fn a_plain_run_ends_by_a_stop_of_the_robot_in_its_words() {
             assert_eq!(r.output.status.code(), Some(4), "{}", r.text());
             let reason = r.summary["reason"].as_str().unwrap();
             assert!(reason.contains(expected), "{behaviour}: {reason}");
+            let told = reason.matches(MAKERS_WORDS).count();
+            assert_eq!(told, usize::from(behaviour != "unknown_state"), "{reason}");
+            let logged = format!("the drive says: {MAKERS_WORDS}");
+            assert_eq!(r.text().matches(&logged).count(), told, "{}", r.text());
         }
     }
+}
+
+/// In lockstep and by the clock: nothing moves where the drive's joints are others than those of the robot file, and both lists are told.
+#[test]
+fn joints_of_another_name_or_order_are_refused() {
+    for (behaviour, expected) in [
+        ("swapped_names", &["the same names in another order", "joint_2, joint_1, joint_3, joint_4"][..]),
+        ("other_names", &["joint 1 is `joint_1_of_another` there", "joint_1, joint_2, joint_3, joint_4"]),
+        ("fewer_names", &["3 joints, not 4", "joint_1, joint_2, joint_3;"]),
+        ("turned_joint", &["joint 2 of the drive (`joint_2`) counts the other way round"]),
+    ] {
+        for clock in ["lockstep", "realtime"] {
+            let r = external("robotnames", behaviour, &["--clock", clock]);
+            assert_eq!(r.output.status.code(), Some(3), "{behaviour}: {}", r.text());
+            let text = r.text();
+            assert!(expected.iter().all(|words| text.contains(words)), "{behaviour} {clock}: {text}");
+            assert_eq!(r.summary["ticks"].as_u64(), Some(0), "{}", r.summary);
+        }
+    }
+}
+
+#[test]
+fn a_drive_that_tells_no_names_is_taken_as_before() {
+    let [told, silent] =
+        ["", "knows_no_names"].map(|behaviour| external("robotnoname", behaviour, &LOCKSTEP));
+    let says = "the drive tells no names of its joints";
+    assert_eq!([&told, &silent].map(|run| run.text().matches(says).count()), [0, 1], "{}", silent.text());
+    assert_accurate(&silent);
+    assert_eq!(told.summary["state_hash"], silent.summary["state_hash"]);
 }
 
 #[test]

@@ -80,8 +80,16 @@ fn what_is_set_is_taken_and_what_makes_no_sense_is_refused() {
     let mut set = settings(&robot);
     set.collision = Some(CollisionBehavior::uniform(40.0, 40.0));
     set.stiffness = Some([2000.0; 7]);
-    set.load = Some(Load { mass_kg: 0.7, com_F: [0.0, 0.0, 0.05], inertia_kg_m2: [0.0; 9] });
+    let load = Load { mass_kg: 0.7, com_F: [0.0, 0.0, 0.05], inertia_kg_m2: [1e-3; 9] };
+    set.load = Some(load);
+    assert_eq!(robot.load(), None);
     let mut arm = started(set, CommandKind::Velocity).unwrap();
+    assert_eq!(robot.load(), Some(load));
+    arm.come_to_rest().unwrap();
+    let other = Load { mass_kg: 0.9, ..load };
+    arm.set_load(Some(other));
+    arm.start(CommandKind::Velocity).unwrap();
+    assert_eq!(robot.load(), Some(other), "the next motion has the next load");
     arm.come_to_rest().unwrap();
     drop(arm);
     set.load = Some(Load { mass_kg: -1.0, com_F: [0.0; 3], inertia_kg_m2: [0.0; 9] });

@@ -12,12 +12,12 @@ mod state;
 pub use recovery::Recovered;
 pub use state::{ArmSettings, ArmState, Command};
 
-use crate::ClockMap;
 use crate::dashboard::Dashboard;
-use crate::program::{ProgramSettings, command, state as program_state};
+use crate::program::{Payload, ProgramSettings, command, state as program_state};
 use crate::robot::{RobotMode, RuntimeState, Series, Version};
 use crate::rtde::{DataType, Recipe, RtdeClient, RtdeSettings, nanoseconds};
 use crate::{Clock, JOINTS, Joints, UrError};
+use crate::{ClockEstimate, ClockMap};
 use recovery::{Halt, send_program};
 use state::{Places, plausible, read};
 use std::time::Duration;
@@ -79,6 +79,8 @@ impl Arm {
             speed_acceleration_rad_s2: settings.speed_acceleration_rad_s2,
             stop_deceleration_rad_s2: settings.stop_deceleration_rad_s2,
             watchdog: settings.watchdog,
+            payload: settings.payload,
+            takes_inertia: version.has_payload_inertia(),
         };
         let (outputs, places) = Self::set_up_outputs(&mut rtde, &program, series)?;
         let inputs = rtde.set_up_inputs(&program.inputs())?;
@@ -147,6 +149,11 @@ impl Arm {
         self.rtde.version()
     }
 
+    /// What the robot is told to carry when its program starts the next time; none: as it is set there.
+    pub fn set_payload(&mut self, payload: Option<Payload>) {
+        self.program.payload = payload;
+    }
+
     /// Its series.
     #[must_use]
     pub fn series(&self) -> Series {
@@ -163,6 +170,12 @@ impl Arm {
     #[must_use]
     pub fn missed(&self) -> (u64, i64) {
         (self.gaps, self.clock_map.longest_delay_ns())
+    }
+
+    /// What is known of the controller's clock.
+    #[must_use]
+    pub fn clock(&self) -> Option<ClockEstimate> {
+        self.clock_map.estimate()
     }
 
     /// Sees to it that the arm may move: refuses in words what somebody must see to. With `enable` the motors get power and the brakes are opened;

@@ -21,8 +21,9 @@ pub mod rtde;
 
 pub use arm::{Arm, ArmSettings, Command};
 pub use error::UrError;
+pub use program::Payload;
 pub use robot::{RobotMode, RuntimeState, SafetyMode, Series, Version};
-pub use vservo_clock::ClockMap;
+pub use vservo_clock::{ClockEstimate, ClockMap};
 
 /// Joints of every arm of this maker.
 pub const JOINTS: usize = 6;

@@ -42,6 +42,17 @@ pub mod state {
     pub const ENDED: i32 = 4;
 }
 
+/// What hangs on the flange.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Payload {
+    /// kg.
+    pub mass_kg: f64,
+    /// Centre of mass in the frame of the tool flange, m.
+    pub com_m: [f64; 3],
+    /// Inertia about it, along the axes of the flange, xx, yy, zz, xy, xz, yz, kg m2; none where that is not known.
+    pub inertia_kg_m2: Option<[f64; 6]>,
+}
+
 /// How the program moves the arm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ProgramSettings {
@@ -61,6 +72,10 @@ pub struct ProgramSettings {
     pub stop_deceleration_rad_s2: f64,
     /// How long the program goes on without a new command while the arm moves.
     pub watchdog: Duration,
+    /// What the controller is told to carry before the arm moves; none: as it is set there.
+    pub payload: Option<Payload>,
+    /// Whether the controller takes the inertia of a payload.
+    pub takes_inertia: bool,
 }
 
 /// How long a program that holds the arm waits for a command, s. Chosen by hand: a driver sends one in every cycle, also while it holds, but a loaded
@@ -82,6 +97,15 @@ impl ProgramSettings {
         format!("output_int_register_{}", self.registers + i)
     }
 
+    /// The line of the program that tells the payload. Without its inertia the controller makes its own of mass and centre.
+    fn payload_line(&self) -> String {
+        let Some(Payload { mass_kg, com_m, inertia_kg_m2 }) = self.payload else { return String::new() };
+        match inertia_kg_m2.filter(|_| self.takes_inertia) {
+            Some(inertia) => format!("  set_target_payload({mass_kg}, {com_m:?}, {inertia:?}, 0)\n"),
+            None => format!("  set_payload({mass_kg}, {com_m:?})\n"),
+        }
+    }
+
     /// The program.
     #[must_use]
     pub fn text(&self) -> String {
@@ -90,6 +114,7 @@ impl ProgramSettings {
         let cycles = |s: f64| (s / step_s).ceil().max(1.0) as u64;
         let joints: Vec<_> = (o..o + 6).map(|i| format!("read_input_float_register({i})")).collect();
         let joints = joints.join(", ");
+        let payload = self.payload_line();
         let mut text = String::new();
         // Writing to a string cannot fail.
         let _ = write!(
@@ -103,7 +128,7 @@ def vservo_drive():
   moving = False
   running = True
   why = {ended}
-  write_output_integer_register({o1}, count)
+{payload}  write_output_integer_register({o1}, count)
   write_output_integer_register({o0}, {holds})
   write_output_integer_register({o2}, session)
   while running:

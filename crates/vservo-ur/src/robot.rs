@@ -243,6 +243,12 @@ impl Version {
             other => other > 5,
         }
     }
+
+    /// Whether programs can tell the inertia of a payload: since 5.10, as the maker's own client has it.
+    #[must_use]
+    pub fn has_payload_inertia(self) -> bool {
+        (self.major, self.minor) >= (5, 10)
+    }
 }
 
 impl fmt::Display for Version {

@@ -8,7 +8,7 @@ use common::{Q, assert_at_rest, clock, drive, robot, settings, started, wait_unt
 use std::time::Duration;
 use vservo_ur::arm::Recovered;
 use vservo_ur::emulator::Fault;
-use vservo_ur::{Arm, Command, RobotMode, RuntimeState, SafetyMode, Series, UrError};
+use vservo_ur::{Arm, Command, Payload, RobotMode, RuntimeState, SafetyMode, Series, UrError};
 
 fn swing(t: f64) -> Command {
     let mut qd = [0.0; 6];
@@ -284,6 +284,48 @@ fn a_program_is_run_as_it_is_written() {
     told("done");
     let turned = robot.arm().0[5] - Q[5];
     assert!((turned - 0.3 * (0.3 - 0.05 + 0.05)).abs() < 0.01, "{turned}");
+    assert_at_rest(&robot);
+}
+
+/// What hangs on the flange is told before the arm moves, with its inertia where the controller's software takes that, and once more with each program.
+#[test]
+fn a_payload_is_told_as_the_controller_takes_it() {
+    let inertia = [2e-3, 3e-3, 1e-3, 1e-4, -2e-4, 0.0];
+    let carried = Payload { mass_kg: 1.25, com_m: [0.01, -0.02, 0.065], inertia_kg_m2: Some(inertia) };
+    for (series, told) in
+        [(Series::ESeries, carried), (Series::Cb3, Payload { inertia_kg_m2: None, ..carried })]
+    {
+        let robot = robot(series, true);
+        let before = robot.payload();
+        let mut set = settings(&robot);
+        started(set).unwrap().come_to_rest().unwrap();
+        assert_eq!(robot.payload(), before, "who says nothing leaves it as it is set");
+        set.payload = Some(carried);
+        let mut arm = started(set).unwrap();
+        assert_eq!(robot.payload(), told);
+        drive(&mut arm, 0.3, swing).unwrap();
+        arm.come_to_rest().unwrap();
+        arm.set_payload(Some(Payload { inertia_kg_m2: None, ..carried }));
+        arm.start().unwrap();
+        assert_eq!(
+            robot.payload(),
+            Payload { inertia_kg_m2: None, ..carried },
+            "the next program tells the next one"
+        );
+        arm.come_to_rest().unwrap();
+        assert_at_rest(&robot);
+    }
+}
+
+#[test]
+fn a_payload_that_no_arm_carries_keeps_it_from_moving() {
+    let robot = robot(Series::ESeries, true);
+    let mut set = settings(&robot);
+    set.payload = Some(Payload { mass_kg: 900.0, com_m: [0.0; 3], inertia_kg_m2: None });
+    let words = started(set).expect_err("a refusal").to_string();
+    assert!(words.contains("the program did not start"), "{words}");
+    let log = robot.log();
+    assert!(log.iter().any(|line| line.contains("no arm carries 900 kg")), "{log:?}");
     assert_at_rest(&robot);
 }
 

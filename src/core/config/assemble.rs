@@ -49,6 +49,9 @@ pub enum AssembleError {
     /// The drive rejects its settings.
     #[error(transparent)]
     Drive(#[from] crate::drive::SimulatedDriveError),
+    /// The joints that the drive names are others than those of the robot file.
+    #[error(transparent)]
+    JointNames(#[from] crate::drive::JointNamesError),
     /// The renderer rejects the scene.
     #[error(transparent)]
     Scene(#[from] SceneError),
@@ -287,6 +290,10 @@ pub fn control_loop_with<const N: usize>(
     drive: AnyDrive<N>,
 ) -> Result<LockstepRun<N>, AssembleError> {
     require_controllable(config)?;
+    let names = drive.joint_names();
+    if !names.is_empty() {
+        crate::drive::compare_joint_names(names, robot.joint_names())?;
+    }
     // A robot that makes up for its friction by itself has none for who commands its torques.
     let robot = if config.drive.torque_contains.friction {
         robot

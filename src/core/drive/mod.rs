@@ -22,6 +22,7 @@ mod friction;
 mod hard_friction;
 mod ideal;
 mod inner_servo;
+mod joint_names;
 mod mode;
 mod recorded;
 mod simulated;
@@ -36,6 +37,7 @@ pub use external::{DriveLink, ExternalDrive};
 pub use hard_friction::HardFriction;
 pub use ideal::IdealDrive;
 pub use inner_servo::InnerServo;
+pub use joint_names::{JointNamesError, check_joint_names, compare_joint_names};
 pub use mode::CommandMode;
 pub use recorded::{NextState, RecordedDrive, RecordedMotion};
 pub use simulated::{SimulatedDrive, SimulatedDriveError, SimulatedDriveSettings};
@@ -136,6 +138,11 @@ pub trait Drive<const N: usize> {
 
     /// The commands that it can obey.
     fn modes(&self) -> &'static [CommandMode];
+
+    /// The names of its joints, in its order, which are compared with those of the robot file before the arm moves; empty where it tells none.
+    fn joint_names(&self) -> &[&str] {
+        &[]
+    }
 
     /// How the last [`read`](Self::read) went.
     fn health(&self) -> DriveHealth {

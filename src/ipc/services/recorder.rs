@@ -60,7 +60,7 @@ impl Services {
     }
 
     /// An end that sends where somebody listens.
-    fn quiet_sender<T: ZeroCopySend + Debug + Copy>(
+    pub(super) fn quiet_sender<T: ZeroCopySend + Debug + Copy>(
         &self,
         service: Channel,
         buffer: usize,

@@ -1,5 +1,6 @@
 //! Requests to control and its answers: `control/command`.
 
+use super::drive_text::{DRIVE_TEXT_BYTES, text_of};
 use super::layout::record;
 use super::{MAX_FEATURES, MAX_JOINTS};
 #[cfg(feature = "transport")]
@@ -115,7 +116,7 @@ impl ControlCommand {
 }
 
 record! {
-    "vservo.ControlAnswer.v7",
+    "vservo.ControlAnswer.v8",
     /// The answer to a request, with the state of the run.
     #[derive(Debug, Clone, Copy, PartialEq)]
     pub struct ControlAnswer {
@@ -175,6 +176,8 @@ record! {
         pub goal_ids: [u32; MAX_FEATURES],
         /// Their desired features: normalized image coordinates x, y of each.
         pub goal_features: [f64; COMMAND_VALUES],
+        /// What the maker says of `robot_state`, as the drive tells it: UTF-8, with a zero byte at its end; empty where it tells nothing.
+        pub robot_text: [u8; DRIVE_TEXT_BYTES],
     }
 }
 
@@ -209,7 +212,16 @@ impl Default for ControlAnswer {
             goal_points: 0,
             goal_ids: [0; MAX_FEATURES],
             goal_features: [0.0; COMMAND_VALUES],
+            robot_text: [0; DRIVE_TEXT_BYTES],
         }
+    }
+}
+
+impl ControlAnswer {
+    /// What the maker says of the robot's state, empty where the drive tells nothing.
+    #[must_use]
+    pub fn robot_text(&self) -> String {
+        text_of(&self.robot_text)
     }
 }
 
@@ -230,12 +242,12 @@ mod tests {
     #[allow(unsafe_code)]
     fn layouts_are_fixed_and_named() {
         assert_eq!((size_of::<ControlCommand>(), align_of::<ControlCommand>()), (1304, 8));
-        assert_eq!((size_of::<ControlAnswer>(), align_of::<ControlAnswer>()), (1520, 8));
+        assert_eq!((size_of::<ControlAnswer>(), align_of::<ControlAnswer>()), (2032, 8));
         assert_eq!((offset_of!(ControlCommand, ids), offset_of!(ControlCommand, values)), (24, 280));
         assert_eq!(offset_of!(ControlAnswer, tick), 64);
         assert_eq!(offset_of!(ControlAnswer, q), 120);
         // SAFETY: the names are only read.
         let names = unsafe { (ControlCommand::type_name(), ControlAnswer::type_name()) };
-        assert_eq!(names, ("vservo.ControlCommand.v3", "vservo.ControlAnswer.v7"));
+        assert_eq!(names, ("vservo.ControlCommand.v3", "vservo.ControlAnswer.v8"));
     }
 }

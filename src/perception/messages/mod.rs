@@ -9,13 +9,14 @@
 //! external camera --ImageHeader + [u8]--> camera
 //! camera --CameraHealth--> control                       │  ├------Status--> supervisor, views
 //!                                                        │  └----TraceMsg, RequestMsg--> recorder
-//!                                                        └-DriveCommandMsg--> external drive --DriveStateMsg--> control
+//!                                                        └-DriveCommandMsg--> external drive --DriveStateMsg, DriveTextMsg--> control
 //! ```
 
 mod camera_health;
 mod camera_id;
 mod command;
 mod drive;
+mod drive_text;
 mod frame;
 mod joint_state;
 mod layout;
@@ -30,6 +31,7 @@ pub use camera_health::{CameraHealth, CameraState, health_flag};
 pub use camera_id::CameraId;
 pub use command::{COMMAND_VALUES, CommandForm, ControlAnswer, ControlCommand, answer_flag};
 pub use drive::{DriveCommandMsg, DriveStateMsg, RobotState, drive_flag};
+pub use drive_text::{DRIVE_TEXT_BYTES, DriveTextMsg, text_kind};
 pub use frame::{FrameHeader, ImageHeader, frame_flag};
 pub use joint_state::{JointState, joint_flag};
 pub use layout::{FieldType, FieldValue, MessageRecord, RecordField, RecordLayout};

@@ -39,12 +39,13 @@ fn type_names_carry_their_version() {
 }
 
 /// All records.
-const LAYOUTS: [&RecordLayout; 12] = [
+const LAYOUTS: [&RecordLayout; 13] = [
     CameraHealth::LAYOUT,
     ControlAnswer::LAYOUT,
     ControlCommand::LAYOUT,
     DriveCommandMsg::LAYOUT,
     DriveStateMsg::LAYOUT,
+    DriveTextMsg::LAYOUT,
     FrameHeader::LAYOUT,
     ImageHeader::LAYOUT,
     JointState::LAYOUT,

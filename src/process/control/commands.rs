@@ -14,7 +14,8 @@ use crate::control::lifecycle::{Refusal, Request};
 use crate::control::trace::Trace;
 use crate::ipc::{Asked, CommandServer};
 use crate::messages::{
-    ControlAnswer, ControlCommand, ControlState, MAX_JOINTS, RequestMsg, Status, answer_flag,
+    ControlAnswer, ControlCommand, ControlState, DRIVE_TEXT_BYTES, DriveTextMsg, MAX_JOINTS, RequestMsg,
+    Status, answer_flag,
 };
 use crate::mission::Mission;
 use crate::time::MonoNs;
@@ -30,6 +31,8 @@ pub(super) struct Commands {
     own: Option<Request>,
     next: u64,
     standing: ControlAnswer,
+    /// The state of the robot that the words in it are about.
+    words_of: u32,
     /// Looks for a request that failed.
     failed: u64,
     /// Requests that were answered, of which there are records.
@@ -96,6 +99,7 @@ impl Commands {
             own: None,
             next: 0,
             standing,
+            words_of: 0,
             failed: 0,
             answered: 0,
             noted: MonoNs::ZERO,
@@ -140,6 +144,20 @@ impl Commands {
         standing.goal_features.iter_mut().zip(features).for_each(|(place, x)| *place = x);
     }
 
+    /// Takes in what the drive says of its robot.
+    pub(super) fn note_words(&mut self, words: &DriveTextMsg) {
+        (self.words_of, self.standing.robot_text) = (words.robot_state, words.text);
+    }
+
+    /// How things stand. Words are told as long as the robot is in the state that they are about.
+    fn standing(&self) -> ControlAnswer {
+        let mut standing = self.standing;
+        if self.words_of != 0 && self.words_of != standing.robot_state {
+            standing.robot_text = [0; DRIVE_TEXT_BYTES];
+        }
+        standing
+    }
+
     /// Takes in how camera and vision stand.
     pub(super) fn note_camera(&mut self, status: &Status) {
         let standing = &mut self.standing;
@@ -174,7 +192,7 @@ impl Commands {
                 }
             };
             let ControlCommand { request, arm, .. } = command;
-            asked.answer(&ControlAnswer { request, arm, refusal, ..self.standing });
+            asked.answer(&ControlAnswer { request, arm, refusal, ..self.standing() });
         }
         None
     }
@@ -241,7 +259,7 @@ impl Commands {
         let waits =
             command.request == Request::Reset as u32 && refusal == 0 && answered.state == ControlState::Fault;
         self.standing.flags |= if waits { answer_flag::CLEARING } else { 0 };
-        asked.answer(&ControlAnswer { request: command.request, refusal, ..self.standing });
+        asked.answer(&ControlAnswer { request: command.request, refusal, ..self.standing() });
         let record = RequestMsg {
             sequence: self.answered,
             stamp: answered.stamp,

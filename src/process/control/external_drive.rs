@@ -10,12 +10,13 @@
 
 use super::commands::Commands;
 use super::drive_rings::{Lost, Rings};
+use super::drive_words::DriveWords;
 use super::stops::Stops;
 use crate::config::Config;
 use crate::config::{Clock, DriveKind, Task};
 use crate::drive::{CommandMode, DriveFault, ExternalDrive};
 use crate::ipc::{DrivePresence, Receiver, Sender, Spin, WakeListener};
-use crate::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, drive_flag};
+use crate::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, RobotState, drive_flag};
 use crate::process::{LONGEST_SPIN, LONGEST_WAIT, Membership, ProcessError};
 use crate::robot::POSITION_RAD_OR_M;
 use crate::rt::now;
@@ -76,6 +77,9 @@ pub(super) struct DrivePorts<'a> {
     /// Time of the tick of the last one.
     tick_of_command: MonoNs,
     state: Receiver<DriveStateMsg>,
+    /// What the newest state tells of the robot.
+    robot: RobotState,
+    words: DriveWords,
     wake_listener: WakeListener,
     answer_timeout: SpanNs,
     spin: Spin,
@@ -101,6 +105,7 @@ pub(super) fn open<'a, const N: usize>(
     let link = Box::new(Rings { states, commands, lost_commands: lost_commands.clone() });
     let drive = ExternalDrive::new(link, config.drive.mode, timeout, q_start)
         .with_contents(config.drive.torque_contains, config.robot.build()?);
+    let words = DriveWords::open(services, config)?;
     let (state, wake_listener) = services.drive_state_receiver()?;
     let command = services.drive_command_sender()?;
     let answer_timeout = config.drive.external.answer_timeout;
@@ -117,6 +122,8 @@ pub(super) fn open<'a, const N: usize>(
         sent: 0,
         tick_of_command: MonoNs::ZERO,
         state,
+        robot: RobotState::Unknown,
+        words,
         wake_listener,
         answer_timeout,
         spin,
@@ -165,6 +172,9 @@ impl DrivePorts<'_> {
             self.wake_listener.wait(LONGEST_WAIT)?;
             while let Some(mut state) = self.state.receive()? {
                 if state.flags & drive_flag::INITIAL != 0 {
+                    // What was sent before that state has come.
+                    self.words.take()?;
+                    self.hand_words_to(commands);
                     check(&state, &start, config.drive.mode)?;
                     if lacks_torques(config, &state) {
                         return Err(ProcessError::DriveWithoutTorques { mode: config.drive.mode.as_str() });
@@ -172,7 +182,9 @@ impl DrivePorts<'_> {
                     if config.clock == Clock::Realtime {
                         state.stamp = state.stamp.min(now());
                     }
+                    self.robot = RobotState::from_code(state.robot_state);
                     let _ = self.received.push(state);
+                    self.words.tell_of_names();
                     info!(
                         joints = state.joints,
                         mode = config.drive.mode.as_str(),
@@ -216,6 +228,8 @@ impl DrivePorts<'_> {
                     warn!(wanted = tick, got = state.tick, "the external drive is out of step");
                     return Ok(WaitOutcome::Failed(DriveFault::OutOfStep));
                 }
+                self.words.take()?;
+                self.robot = RobotState::from_code(state.robot_state);
                 let _ = self.received.push(state);
                 return Ok(WaitOutcome::Here);
             }
@@ -242,7 +256,15 @@ impl DrivePorts<'_> {
         let sent = self.send();
         let waited = self.wake_listener.wait(self.until_command()).map_err(ProcessError::from);
         let taken = self.take_states();
-        sent.and(waited).and(taken).and(self.send())
+        let told = self.words.take();
+        sent.and(waited).and(taken).and(told).and(self.send())
+    }
+
+    /// What the drive says, for who asks how things stand.
+    pub(super) fn hand_words_to(&mut self, commands: &mut Commands) {
+        if let Some(words) = self.words.next() {
+            commands.note_words(&words);
+        }
     }
 
     /// States wake this thread, and commands do not, since the real-time thread makes no system call for them: it looks for them when they are due.
@@ -255,6 +277,7 @@ impl DrivePorts<'_> {
         while let Some(mut state) = self.state.receive()? {
             // A drive whose clock runs ahead must not look fresh for ever.
             state.stamp = state.stamp.min(now());
+            self.robot = RobotState::from_code(state.robot_state);
             // Full only when the real-time thread has ended or stalls: it takes the newest anyway.
             self.lost_states += u64::from(self.received.push(state).is_err());
         }
@@ -338,10 +361,18 @@ impl DriveWait {
     }
 }
 
-/// Messages vanish with their sender: after the last command, waits until the drive has received it and left. Returns the number
-/// of commands that were lost on their way here.
-pub(super) fn farewell(drive: Option<DrivePorts<'_>>) -> Result<u64, ProcessError> {
-    let Some(mut drive) = drive else { return Ok(0) };
+/// What is left to tell of a drive.
+#[derive(Debug, Default)]
+pub(super) struct DriveEnd {
+    /// Commands that were lost on their way here.
+    pub(super) lost_commands: u64,
+    /// What it says of a robot that does not obey.
+    pub(super) robot_words: Option<String>,
+}
+
+/// Messages vanish with their sender: after the last command, waits until the drive has received it and left.
+pub(super) fn farewell(drive: Option<DrivePorts<'_>>) -> Result<DriveEnd, ProcessError> {
+    let Some(mut drive) = drive else { return Ok(DriveEnd::default()) };
     let sent = drive.send();
     let lost_commands = drive.lost_commands.count();
     if lost_commands > 0 || drive.lost_states > 0 {
@@ -355,7 +386,8 @@ pub(super) fn farewell(drive: Option<DrivePorts<'_>>) -> Result<u64, ProcessErro
     while now() < until && drive.presence.is_there() {
         std::thread::sleep(Duration::from_millis(2));
     }
-    sent.map(|()| lost_commands)
+    let robot_words = drive.words.at_the_end(drive.robot);
+    sent.map(|()| DriveEnd { lost_commands, robot_words })
 }
 
 fn check(state: &DriveStateMsg, start: &DriveCommandMsg, mode: CommandMode) -> Result<(), ProcessError> {

@@ -6,7 +6,7 @@
 
 use super::commands::Commands;
 use super::event_log;
-use super::external_drive::{self, DrivePorts, HURRY, LOOK_FIRST, LOOK_LATER, TELL, WaitOutcome};
+use super::external_drive::{self, DriveEnd, DrivePorts, HURRY, LOOK_FIRST, LOOK_LATER, TELL, WaitOutcome};
 use super::recorder_pace::RecorderPace;
 use super::requests::{Answered, ClientRequest};
 use super::stops::Stops;
@@ -169,6 +169,7 @@ pub(super) fn run<const N: usize>(
         commands.note(&trace, &control.mission);
         event_log::log(&trace, &control.mission);
         if let Some(drive) = &mut drive {
+            drive.hand_words_to(&mut commands);
             note(&mut broken, drive.send());
         }
         if let Some(status) = &trace.status {
@@ -178,7 +179,9 @@ pub(super) fn run<const N: usize>(
             let said = external_drive::farewell(drive);
             return match broken {
                 Some(error) => Err(error),
-                None => said.map(|_| (control, statistics, Pace::without_deadlines())),
+                None => said.map(|DriveEnd { robot_words, .. }| {
+                    (control, statistics, Pace { robot_words, ..Pace::without_deadlines() })
+                }),
             };
         }
         tick += 1;

@@ -7,6 +7,7 @@ mod camera_watch;
 mod commands;
 mod deadlines;
 mod drive_rings;
+mod drive_words;
 mod event_log;
 mod external_drive;
 mod load;
@@ -144,6 +145,8 @@ struct Pace {
     lost_commands: u64,
     /// Why no frames come, where the camera is away at the end.
     camera_is_away: Option<String>,
+    /// What the drive says of a robot that does not obey at the end.
+    robot_words: Option<String>,
 }
 
 impl Pace {
@@ -157,6 +160,7 @@ impl Pace {
             lost_traces: 0,
             lost_commands: 0,
             camera_is_away: None,
+            robot_words: None,
         }
     }
 }
@@ -260,10 +264,9 @@ fn summary<const N: usize>(
     let finish = mission.finish().unwrap_or(WITHOUT_AN_END);
     let vision = measurement_log.vision_counts();
     let lockstep = config.clock == Clock::Lockstep;
-    let reason = match pace.camera_is_away {
-        Some(away) if finish.outcome == Outcome::NotConverged => {
-            format!("run.duration_s is over: {away}")
-        }
+    let reason = match (finish.outcome, pace.camera_is_away, pace.robot_words) {
+        (Outcome::NotConverged, Some(away), _) => format!("run.duration_s is over: {away}"),
+        (Outcome::Fault, _, Some(words)) => format!("{}: {words}", finish.reason),
         _ => finish.reason.into(),
     };
     Summary {

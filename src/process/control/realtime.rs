@@ -12,7 +12,7 @@
 use super::camera_watch::CameraWatch;
 use super::commands::Commands;
 use super::event_log;
-use super::external_drive::{self, DrivePorts};
+use super::external_drive::{self, DriveEnd, DrivePorts};
 use super::realtime_thread::{AtEnd, Panic, RealtimeThread};
 use super::requests::{Answered, Asking, ClientRequest};
 use super::restart_watch::RestartWatch;
@@ -137,7 +137,11 @@ pub(super) fn run<const N: usize>(
         ports.membership.beat();
         let carried = companion.carry();
         let waited = match &mut drive {
-            Some(drive) => drive.carry(),
+            Some(drive) => {
+                let carried = drive.carry();
+                drive.hand_words_to(&mut companion.commands);
+                carried
+            }
             None => ports.wake_listener.wait(COMPANION_PERIOD).map_err(ProcessError::from),
         };
         let Err(error) = carried.and(waited) else { continue };
@@ -151,12 +155,12 @@ pub(super) fn run<const N: usize>(
         std::thread::sleep(PAUSE_WHEN_BROKEN); // what fails may not have waited
     }
     let carried = companion.carry();
-    let lost_commands = external_drive::farewell(drive);
+    let drive_end = external_drive::farewell(drive);
     if let Some(error) = broken {
         return Err(error);
     }
     carried?;
-    let lost_commands = lost_commands?;
+    let DriveEnd { lost_commands, robot_words } = drive_end?;
     if companion.unsent > 0 {
         warn!(count = companion.unsent, "measurements came faster than control took them");
     }
@@ -168,7 +172,7 @@ pub(super) fn run<const N: usize>(
             let (control, pace) = pace(at_end, scheduling, spin);
             let camera_is_away = companion.camera.why_away(rt::now());
             let run = LockstepRun { control, mission: companion.mission };
-            Ok((run, companion.statistics, Pace { lost_commands, camera_is_away, ..pace }))
+            Ok((run, companion.statistics, Pace { lost_commands, camera_is_away, robot_words, ..pace }))
         }
         Ok(Some((Err(Panic(reason)), ..))) => {
             error!("the real-time thread panicked, the drive was told that no command follows: {reason}");
@@ -196,6 +200,7 @@ fn pace<const N: usize>(at_end: AtEnd<N>, scheduling: String, spin: SpanNs) -> (
         lost_traces,
         lost_commands: 0,
         camera_is_away: None,
+        robot_words: None,
     };
     (control, pace)
 }

@@ -3,12 +3,12 @@
 use super::HoldingTorques;
 use crate::config::Config;
 use crate::drive::check::{
-    DriveLog, DriveTrial, ENDS_WITHIN, LoggedPhase, PhaseKind, ProgramExit, ReceivedState, SentCommand,
-    TrialPlan, departs,
+    DriveLog, DriveTrial, ENDS_WITHIN, LoggedPhase, PhaseKind, ProgramExit, ReceivedState, ReceivedText,
+    SentCommand, TrialPlan, departs,
 };
 use crate::drive::{CommandMode, TorqueContents};
 use crate::ipc::{DrivePresence, Instance, Receiver, Sender, WakeListener};
-use crate::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, drive_flag};
+use crate::messages::{DriveCommandMsg, DriveStateMsg, DriveTextMsg, MAX_JOINTS, drive_flag};
 use crate::process::drive_guard::GRACE_OF_DRIVE;
 use crate::process::supervisor::child::Child;
 use crate::process::{Membership, ProcessError, StopFlag};
@@ -38,6 +38,7 @@ pub(super) struct TrialSession<'a> {
     pub(super) presence: DrivePresence,
     pub(super) command: Sender<DriveCommandMsg>,
     pub(super) state: Receiver<DriveStateMsg>,
+    pub(super) texts: Receiver<DriveTextMsg>,
     pub(super) listener: WakeListener,
     pub(super) program: Option<Child>,
     /// Longest wait for an answer in lockstep.
@@ -246,7 +247,7 @@ impl TrialSession<'_> {
     /// Leaves, and ends a program that has not ended: its guard asks it first, once nobody is control any more.
     pub(super) fn end(mut self) -> DriveLog {
         let Some(mut program) = self.program.take() else { return self.log };
-        drop((self.command, self.state, self.listener, self.presence, self.membership));
+        drop((self.command, self.state, self.texts, self.listener, self.presence, self.membership));
         program.terminate();
         let began = now();
         while program.poll().is_none() && now() - began < GUARD {
@@ -281,9 +282,12 @@ impl TrialSession<'_> {
     fn take_until(&mut self, deadline: MonoNs) -> Result<(), ProcessError> {
         self.membership.beat();
         loop {
-            let begin = self.log.received.len();
+            let (begin, looks) = (self.log.received.len(), now());
             while let Some(state) = self.state.receive()? {
                 self.log.received.push(ReceivedState { at: now(), of_batch: 0, batch: 0, state });
+            }
+            while let Some(text) = self.texts.receive()? {
+                self.log.texts.push(ReceivedText { at: looks, text });
             }
             let batch = (self.log.received.len() - begin) as u32;
             for (r, of_batch) in self.log.received.iter_mut().skip(begin).zip(1..) {

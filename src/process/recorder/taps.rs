@@ -3,8 +3,8 @@
 use crate::config::{Config, DriveKind};
 use crate::ipc::{Channel, QuietFrameReceiver, Receiver, Services};
 use crate::messages::{
-    CameraHealth, DriveCommandMsg, DriveStateMsg, FrameHeader, JointState, Measurement, MessageRecord,
-    RequestMsg, Status, TraceMsg,
+    CameraHealth, DriveCommandMsg, DriveStateMsg, DriveTextMsg, FrameHeader, JointState, Measurement,
+    MessageRecord, RequestMsg, Status, TraceMsg,
 };
 use crate::process::vision::FrameCounter;
 use crate::process::{ProcessError, shape_of};
@@ -63,6 +63,7 @@ numbered! {
     RequestMsg: sequence, stamp;
     DriveCommandMsg: sequence, stamp;
     DriveStateMsg: sequence, stamp;
+    DriveTextMsg: sequence, stamp;
 }
 
 struct RecordTap<T: MessageRecord + ZeroCopySend + Debug + 'static> {
@@ -161,6 +162,7 @@ pub(super) fn open<W: Write>(
         let (commands, states) = services.drive_recorders()?;
         taps.push(records(Channel::DriveCommand, commands, writer)?);
         taps.push(records(Channel::DriveState, states, writer)?);
+        taps.push(records(Channel::DriveText, services.drive_text_receiver()?, writer)?);
     }
     Ok(taps)
 }

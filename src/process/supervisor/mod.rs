@@ -21,7 +21,7 @@ use crate::config::Config;
 use crate::control::outcome::Outcome;
 use crate::input::printable;
 use crate::ipc::{Instance, InstanceError, Receiver, Role, SPACE_BESIDE_FRAMES_BYTES, Services};
-use crate::messages::Status;
+use crate::messages::{DRIVE_TEXT_BYTES, Status};
 use crate::report::summary::Summary;
 use crate::rt::{ServiceWatchdog, now, tell_service_manager};
 use crate::time::SpanNs;
@@ -155,7 +155,9 @@ fn supervise(
     // Control may have ended first: then it knows that the drive has left, but not why.
     if let Some(words) = instance.words_of_drive().filter(|_| end.summary.outcome == Outcome::Fault) {
         let words = printable(&words).to_string();
-        if !end.summary.reason.contains(&words) {
+        // Those that came to control by messages may be cut.
+        let begin = words.get(..words.floor_char_boundary(DRIVE_TEXT_BYTES / 2)).unwrap_or_default();
+        if !end.summary.reason.contains(begin) {
             end.summary.reason = format!("{}: {words}", end.summary.reason);
         }
     }

@@ -17,12 +17,12 @@ use crate::client::{FciClient, nanoseconds};
 use crate::limits::{JointLimits, MAX_TORQUE};
 use crate::robot::{Controller, Generator, RobotMode};
 use crate::shaping::{Course, Wanted, limited_torques, torques_as_told};
-use crate::wire::{MoveStatus, Request, RobotCommand, RobotState};
+use crate::wire::{Load, MoveStatus, Request, RobotCommand, RobotState};
 use crate::{CYCLE_S, FrankaError, JOINTS, Joints};
 use recovery::Halt;
 use state::plausible;
 use std::time::Duration;
-use vservo_clock::ClockMap;
+use vservo_clock::{ClockEstimate, ClockMap};
 
 /// States in a row whose time does not go on before that is a fault. Chosen by hand: 20 ms.
 const STANDING: u32 = 20;
@@ -104,6 +104,11 @@ impl Arm {
         &self.limits
     }
 
+    /// What hangs on the end effector, told when the next motion begins; none: as it is set there.
+    pub fn set_load(&mut self, load: Option<Load>) {
+        self.settings.load = load;
+    }
+
     /// The newest state.
     #[must_use]
     pub fn last(&self) -> Option<&ArmState> {
@@ -114,6 +119,12 @@ impl Arm {
     #[must_use]
     pub fn missed(&self) -> (u64, i64) {
         (self.gaps, self.clock_map.longest_delay_ns())
+    }
+
+    /// What is known of the controller's clock.
+    #[must_use]
+    pub fn clock(&self) -> Option<ClockEstimate> {
+        self.clock_map.estimate()
     }
 
     /// Sees whether the arm may move: refuses in words what somebody must see to.

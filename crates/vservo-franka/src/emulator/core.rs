@@ -5,7 +5,7 @@ use super::plant::JointPlant;
 use crate::limits::{JointLimits, MAX_ACCELERATION, MAX_JERK, MAX_TORQUE, MAX_TORQUE_RATE};
 use crate::robot::{Controller, Generator, RobotError, RobotMode};
 use crate::wire::{
-    MoveController, MoveGenerator, MoveStatus, Request, RequestKind, RobotCommand, RobotState,
+    Load, MoveController, MoveGenerator, MoveStatus, Request, RequestKind, RobotCommand, RobotState,
 };
 use crate::{CYCLE_S, JOINTS, Joints};
 use std::collections::VecDeque;
@@ -45,6 +45,8 @@ pub(super) struct Core {
     pub(super) replies: Vec<(RequestKind, u32, u8)>,
     /// Cycles that it goes on for without commands.
     missed_cycles: u32,
+    /// What it was told to carry.
+    pub(super) load: Option<Load>,
     plant: Box<dyn JointPlant>,
     // In double precision, beside the state's.
     q_d: Joints,
@@ -74,6 +76,7 @@ impl Core {
             log: VecDeque::new(),
             replies: Vec::new(),
             missed_cycles,
+            load: None,
             plant,
             q_d: q,
             dq_d: zero,
@@ -118,6 +121,8 @@ impl Core {
                         && load.com_F.iter().chain(&load.inertia_kg_m2).all(|v| v.is_finite());
                     if fits {
                         self.state.masses_kg[1] = load.mass_kg;
+                        self.load = Some(*load);
+                        self.plant.carry(load);
                     }
                     if fits { 0 } else { 2 }
                 }

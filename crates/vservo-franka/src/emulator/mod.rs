@@ -20,7 +20,7 @@ pub use plant::{JointPlant, LaggingJoints};
 
 use self::core::Core;
 use crate::robot::RobotMode;
-use crate::wire::{PORT, ROBOT_COMMAND_SIZE, RobotCommand};
+use crate::wire::{Load, PORT, ROBOT_COMMAND_SIZE, RobotCommand};
 use crate::{CYCLE_S, JointLimits, Joints};
 use connection::Client;
 use faults::Pieces;
@@ -167,6 +167,12 @@ impl Emulator {
     pub fn mode(&self) -> (RobotMode, bool) {
         let core = self.shared.core();
         (core.state.mode, core.is_moved())
+    }
+
+    /// What the controller was told to carry.
+    #[must_use]
+    pub fn load(&self) -> Option<Load> {
+        self.shared.core().load
     }
 
     /// What is told since the last call: reflexes, and what was asked for and is not there.

@@ -1,6 +1,7 @@
 //! Motors and links behind the emulated controller.
 
 use crate::limits::MAX_TORQUE;
+use crate::wire::Load;
 use crate::{CYCLE_S, JOINTS, Joints};
 
 /// What stands behind the emulated controller: motors and links.
@@ -10,6 +11,9 @@ pub trait JointPlant: Send {
 
     /// The same under torques without gravity, for which the robot makes up, N m.
     fn push(&mut self, tau: &Joints) -> (Joints, Joints);
+
+    /// From now on the robot makes up for the weight of this load, too. Joints without links have none.
+    fn carry(&mut self, _load: &Load) {}
 }
 
 /// Joints without links: each follows its reference as a critically damped second-order lag, and is a flywheel under torques.

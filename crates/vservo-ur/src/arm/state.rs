@@ -1,7 +1,7 @@
 //! What an arm is told to be, and what it tells: settings, commands, states.
 
 use crate::ClockMap;
-use crate::program::state as program_state;
+use crate::program::{Payload, state as program_state};
 use crate::robot::{RobotMode, RuntimeState, SafetyMode};
 use crate::rtde::Recipe;
 use crate::{Clock, Joints, UrError};
@@ -37,6 +37,8 @@ pub struct ArmSettings {
     pub fastest_rad_s: f64,
     /// How long the robot goes on without a new command.
     pub watchdog: Duration,
+    /// What hangs on the flange; none: as it is set on the robot.
+    pub payload: Option<Payload>,
     /// Longest wait for an answer.
     pub patience: Duration,
     /// Longest time without a state.
@@ -59,6 +61,7 @@ impl ArmSettings {
             stop_deceleration_rad_s2: 4.0,
             fastest_rad_s: std::f64::consts::PI,
             watchdog: Duration::from_millis(100),
+            payload: None,
             patience: Duration::from_secs(5),
             silence: Duration::from_millis(100),
         }

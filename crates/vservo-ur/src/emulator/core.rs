@@ -2,6 +2,7 @@
 
 use super::faults::Faults;
 use super::motion::{Motion, Reference};
+use crate::program::Payload;
 use crate::{JOINTS, Joints, RobotMode, RuntimeState, SafetyMode, Series, Version};
 
 /// Registers of each kind, by the maker's documentation.
@@ -12,6 +13,9 @@ const BRAKES_S: f64 = 0.3;
 const BOOT_S: f64 = 1.0;
 /// Time after which a protective stop may be unlocked, s, by the maker's documentation.
 const UNLOCK_S: f64 = 5.0;
+
+/// The payload of a robot that was told none.
+const NO_PAYLOAD: Payload = Payload { mass_kg: 0.0, com_m: [0.0; 3], inertia_kg_m2: None };
 
 /// What stands behind the emulated controller: motors and links.
 pub trait JointModel: Send {
@@ -65,6 +69,8 @@ pub(super) struct Core {
     pub(super) coming: Inputs,
     pub(super) out_ints: [i32; REGISTERS],
     pub(super) out_doubles: [f64; REGISTERS],
+    /// What it was told to carry: of the installation, nothing.
+    pub(super) payload: Payload,
     pub(super) faults: Faults,
     /// What was told, newest last.
     pub(super) log: Vec<String>,
@@ -98,6 +104,7 @@ impl Core {
             coming: Inputs::default(),
             out_ints: [0; REGISTERS],
             out_doubles: [0.0; REGISTERS],
+            payload: NO_PAYLOAD,
             faults: Faults::default(),
             log: Vec::new(),
             joints,
@@ -239,5 +246,6 @@ impl Core {
         self.under_way = Some((BOOT_S, RobotMode::PowerOff));
         (self.inputs, self.coming) = (Inputs::default(), Inputs::default());
         (self.out_ints, self.out_doubles) = ([0; REGISTERS], [0.0; REGISTERS]);
+        self.payload = NO_PAYLOAD;
     }
 }

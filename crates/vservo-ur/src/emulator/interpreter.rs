@@ -3,7 +3,8 @@
 use super::motion::Motion;
 use super::programs::{End, Host};
 use super::syntax::{Action, Block, Expression, Function, Program};
-use crate::{JOINTS, Joints};
+use crate::Joints;
+use crate::program::Payload;
 use std::collections::HashMap;
 
 /// Rounds of a loop within one cycle before the controller takes it for endless. Chosen by hand: thousand times what a program of registers has.
@@ -235,6 +236,16 @@ impl Machine<'_, '_> {
             "get_target_joint_positions" => {
                 return Ok(Value::List(self.host.target().map(Value::Number).to_vec()));
             }
+            "set_payload" => self.host.carry(Payload {
+                mass_kg: arguments.number(0, "m", None)?,
+                com_m: arguments.numbers(1, "cog")?,
+                inertia_kg_m2: None,
+            })?,
+            "set_target_payload" => self.host.carry(Payload {
+                mass_kg: arguments.number(0, "m", None)?,
+                com_m: arguments.numbers(1, "cog")?,
+                inertia_kg_m2: Some(arguments.numbers(2, "inertia")?),
+            })?,
             "textmsg" => self.host.tell(format!("{:?}", arguments.0)),
             "sync" => {
                 self.rounds = 0;
@@ -296,12 +307,16 @@ impl Arguments<'_> {
     }
 
     fn joints(&self, at: usize, name: &str) -> Result<Joints, End> {
+        self.numbers(at, name)
+    }
+
+    fn numbers<const N: usize>(&self, at: usize, name: &str) -> Result<[f64; N], End> {
         let Some(Value::List(items)) = self.get(at, name) else {
-            return wrong(format!("`{name}` must be a list of {JOINTS}"));
+            return wrong(format!("`{name}` must be a list of {N}"));
         };
         let numbers: Vec<f64> =
             items.iter().filter_map(|v| if let Value::Number(n) = v { Some(*n) } else { None }).collect();
-        let joints: Result<Joints, _> = numbers.try_into();
-        joints.map_err(|_| End::Wrong(format!("`{name}` must be a list of {JOINTS} numbers")))
+        let numbers: Result<[f64; N], _> = numbers.try_into();
+        numbers.map_err(|_| End::Wrong(format!("`{name}` must be a list of {N} numbers")))
     }
 }

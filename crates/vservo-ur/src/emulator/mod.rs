@@ -25,6 +25,7 @@ pub use self::core::{JointModel, StiffJoints};
 pub use faults::Fault;
 
 use self::core::Core;
+use crate::program::Payload;
 use crate::{Joints, RobotMode, RuntimeState, SafetyMode, Series, dashboard, program, rtde};
 use faults::Pieces;
 use rtde_server::Client;
@@ -218,6 +219,12 @@ impl Emulator {
     pub fn modes(&self) -> (RobotMode, SafetyMode, RuntimeState) {
         let core = self.shared.core();
         (core.mode, core.safety, core.runtime)
+    }
+
+    /// What the controller was told to carry.
+    #[must_use]
+    pub fn payload(&self) -> Payload {
+        self.shared.core().payload
     }
 
     /// What was told since the last call: programs that are refused, stops, what is wrong on the wire.

@@ -4,6 +4,7 @@ use super::core::{Inputs, REGISTERS};
 use super::motion::Motion;
 use super::{Shared, accept, interpreter, syntax, ur_rtde};
 use crate::RuntimeState;
+use crate::program::Payload;
 use std::io::{ErrorKind, Read};
 use std::net::{TcpListener, TcpStream};
 use std::sync::atomic::Ordering;
@@ -15,6 +16,9 @@ const LARGEST: usize = 1_000_000;
 /// So long a stream must be still before its text is taken for whole, and so often a thread looks whether the emulator ends. Chosen by hand: the
 /// controller begins with a program when its last line has come.
 const STILL: Duration = Duration::from_millis(20);
+
+/// Largest mass that a program may tell, kg: twice what the strongest arm of this maker carries by its data sheet.
+const MOST_KG: f64 = 70.0;
 
 /// Why a program does not go on.
 #[derive(Debug, Clone, PartialEq)]
@@ -152,6 +156,21 @@ impl Host<'_> {
         if i < REGISTERS {
             self.shared.core().out_doubles[i] = value;
         }
+    }
+
+    /// Takes a payload that a controller of this version can be told, and an arm can have.
+    pub(super) fn carry(&self, payload: Payload) -> Result<(), End> {
+        let mut core = self.shared.core();
+        let with_inertia = payload.inertia_kg_m2.is_some();
+        if with_inertia && !core.version.has_payload_inertia() {
+            return Err(End::Wrong(format!("software {} does not know `set_target_payload`", core.version)));
+        }
+        let numbers = payload.com_m.iter().chain(payload.inertia_kg_m2.iter().flatten());
+        if !(payload.mass_kg >= 0.0 && payload.mass_kg <= MOST_KG && numbers.copied().all(f64::is_finite)) {
+            return Err(End::Wrong(format!("no arm carries {} kg", payload.mass_kg)));
+        }
+        core.payload = payload;
+        Ok(())
     }
 
     pub(super) fn tell(&self, text: String) {

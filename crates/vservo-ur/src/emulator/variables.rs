@@ -18,6 +18,9 @@ pub(super) enum Source {
     RobotBits,
     SafetyBits,
     Slider,
+    PayloadMass,
+    PayloadCentre,
+    PayloadInertia,
     OutInt(usize),
     OutDouble(usize),
     Zero(DataType),
@@ -49,14 +52,14 @@ const ZERO: [(DataType, &str); 6] = [
         DataType::Vector6D,
         "target_qdd target_current target_moment actual_current actual_current_window actual_current_as_torque \
          joint_control_output actual_TCP_pose actual_TCP_speed actual_TCP_force target_TCP_pose target_TCP_speed \
-         joint_temperatures actual_joint_voltage ft_raw_wrench payload_inertia tcp_offset actual_qdd actual_moment",
+         joint_temperatures actual_joint_voltage ft_raw_wrench tcp_offset actual_qdd actual_moment",
     ),
-    (DataType::Vector3D, "actual_tool_accelerometer elbow_position elbow_velocity payload_cog"),
+    (DataType::Vector3D, "actual_tool_accelerometer elbow_position elbow_velocity"),
     (
         DataType::Double,
         "actual_execution_time target_execution_time actual_momentum actual_main_voltage actual_robot_voltage \
          actual_robot_current standard_analog_input0 standard_analog_input1 standard_analog_output0 \
-         standard_analog_output1 io_current payload tool_analog_input0 tool_analog_input1 tool_output_current \
+         standard_analog_output1 io_current tool_analog_input0 tool_analog_input1 tool_output_current \
          tool_temperature tcp_force_scalar",
     ),
     (DataType::Uint64, "actual_digital_input_bits actual_digital_output_bits"),
@@ -75,7 +78,7 @@ fn register(name: &str, prefix: &str) -> Option<usize> {
 
 /// An output, with its type.
 pub(super) fn output(name: &str) -> Option<(DataType, Source)> {
-    use DataType::{Double, Int32, Uint32, Vector6D};
+    use DataType::{Double, Int32, Uint32, Vector3D, Vector6D};
     if let Some(i) = register(name, "output_int_register_") {
         return Some((Int32, Source::OutInt(i)));
     }
@@ -94,6 +97,9 @@ pub(super) fn output(name: &str) -> Option<(DataType, Source)> {
         "robot_status_bits" => (Uint32, Source::RobotBits),
         "safety_status_bits" => (Uint32, Source::SafetyBits),
         "speed_scaling" | "target_speed_fraction" => (Double, Source::Slider),
+        "payload" => (Double, Source::PayloadMass),
+        "payload_cog" => (Vector3D, Source::PayloadCentre),
+        "payload_inertia" => (Vector6D, Source::PayloadInertia),
         other => {
             let zero = ZERO.iter().find(|(_, names)| names.split_whitespace().any(|name| name == other));
             let kind = zero.map(|(kind, _)| *kind)?;
@@ -152,6 +158,11 @@ pub(super) fn put(core: &Core, source: Source, writer: &mut Writer) {
         Source::RobotBits => writer.put(&robot_bits(core).to_be_bytes()),
         Source::SafetyBits => writer.put(&safety_bits(core.safety).to_be_bytes()),
         Source::Slider => writer.put(&core.slider.to_be_bytes()),
+        Source::PayloadMass => writer.put(&core.payload.mass_kg.to_be_bytes()),
+        Source::PayloadCentre => {
+            core.payload.com_m.iter().fold(writer, |writer, m| writer.put(&m.to_be_bytes()))
+        }
+        Source::PayloadInertia => writer.joints(&core.payload.inertia_kg_m2.unwrap_or_default()),
         Source::OutInt(i) => writer.put(&core.out_ints[i].to_be_bytes()),
         Source::OutDouble(i) => writer.put(&core.out_doubles[i].to_be_bytes()),
         Source::Zero(kind) => writer.put([0; 48].get(..kind.size()).unwrap_or_default()),

@@ -3,7 +3,7 @@
 use super::arm::ArmFacts;
 use super::plan::{DriveTrial, PhaseKind};
 use crate::drive::CommandMode;
-use crate::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, drive_flag};
+use crate::messages::{DriveCommandMsg, DriveStateMsg, DriveTextMsg, MAX_JOINTS, drive_flag};
 use crate::time::{MonoNs, SpanNs};
 
 /// As many states may wait for their reader, as the services have it: where so many were taken at once, some before them may have been
@@ -32,6 +32,15 @@ pub struct ReceivedState {
     pub batch: u32,
     /// What.
     pub state: DriveStateMsg,
+}
+
+/// A text, and when it was there at the latest.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ReceivedText {
+    /// When the look for states began in which it was found: it is no later than a state of that look unless it was sent after that.
+    pub at: MonoNs,
+    /// What.
+    pub text: DriveTextMsg,
 }
 
 /// A phase of the trial as it took place.
@@ -76,6 +85,8 @@ pub struct DriveLog {
     pub sent: Vec<SentCommand>,
     /// What came, oldest first.
     pub received: Vec<ReceivedState>,
+    /// What it said, oldest first.
+    pub texts: Vec<ReceivedText>,
     /// The phases that were begun.
     pub phases: Vec<LoggedPhase>,
     /// When the last look for states was.

@@ -16,7 +16,7 @@ mod stream;
 
 pub use arm::{ArmFacts, JointFacts};
 pub use ends::ENDS_WITHIN;
-pub use log::{DriveLog, LoggedPhase, ProgramExit, ReceivedState, SentCommand};
+pub use log::{DriveLog, LoggedPhase, ProgramExit, ReceivedState, ReceivedText, SentCommand};
 pub use plan::{DriveTrial, PhaseKind, TrialPhase, TrialPlan, departs};
 pub use rule::{DriveRule, RuleFinding, RuleVerdict};
 
@@ -27,6 +27,7 @@ use rule::TrialFindings;
 pub fn judge(log: &DriveLog) -> Vec<RuleFinding> {
     let mut findings = TrialFindings::new(log.mode);
     stream::start(log, &mut findings);
+    stream::joint_names(log, &mut findings);
     stream::contents(log, &mut findings);
     stream::counts(log, &mut findings);
     stream::stamps(log, &mut findings);

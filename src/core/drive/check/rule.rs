@@ -47,6 +47,9 @@ rules! {
     /// Every state has the joints of the robot file.
     Joints: "joints of the robot file",
         "start the drive with the robot of the run file, and put the count into `joints` of every state";
+    /// The names of the joints, where they are told, are those of the robot file in its order.
+    JointNames: "joints by name",
+        "send the names on drive/text with every START, before the state with INITIAL, in the order of the states: those of the robot file, with sign 1 and zero offset 0";
     /// The mask of modes is not empty, has known bits alone, and stays the same.
     Modes: "command modes",
         "set bit 0 for torque, 1 for velocity, 2 for position in `modes`, the same in every state, and name one of them in drive.mode";

@@ -2,8 +2,8 @@
 
 use super::log::{DriveLog, OTHER_CLOCK, ProgramExit, ReceivedState, SentCommand};
 use super::rule::{DriveRule, TrialFindings};
-use crate::drive::CommandMode;
-use crate::messages::{DriveStateMsg, RobotState, drive_flag};
+use crate::drive::{CommandMode, check_joint_names};
+use crate::messages::{DriveStateMsg, RobotState, drive_flag, text_kind};
 use crate::time::{MonoNs, SpanNs, TICK};
 
 /// Positions may be beyond a limit of the robot file by this, rad or m. Chosen by hand: files round their limits to hundredths.
@@ -79,6 +79,24 @@ pub(super) fn start(log: &DriveLog, findings: &mut TrialFindings) {
         let broken = (answers < 1 + again).then(|| "START came again, and was not answered".into());
         findings.say(DriveRule::EveryStart, broken, format!("{} of {}", 1 + again, 1 + again));
     }
+}
+
+/// The names of the joints. Who tells none is taken at its word that it has those of the robot file.
+pub(super) fn joint_names(log: &DriveLog, findings: &mut TrialFindings) {
+    let mut told = log.texts.iter().filter(|t| t.text.kind == text_kind::JOINTS).peekable();
+    let Some(first) = told.peek().copied() else {
+        if !log.received.is_empty() {
+            findings.untested(DriveRule::JointNames, "the drive tells none");
+        }
+        return;
+    };
+    let robot: Vec<_> = log.arm.joints.iter().map(|joint| joint.name.as_str()).collect();
+    let wrong = told.find_map(|t| check_joint_names(&t.text, &robot).err());
+    let late = log.initial().is_none_or(|initial| first.at > initial.at);
+    let broken = wrong
+        .map(|error| error.brief())
+        .or_else(|| late.then(|| "they came after the state with INITIAL".into()));
+    findings.say(DriveRule::JointNames, broken, first.text.names().join(", "));
 }
 
 /// What single states contain.

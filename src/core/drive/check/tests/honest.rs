@@ -3,7 +3,7 @@
 use crate::drive::CommandMode;
 use crate::drive::check::*;
 use crate::linalg::Random;
-use crate::messages::{DriveCommandMsg, DriveStateMsg, drive_flag};
+use crate::messages::{DriveCommandMsg, DriveStateMsg, DriveTextMsg, drive_flag};
 use crate::robot::JointLimits;
 use crate::time::{MonoNs, SpanNs};
 
@@ -74,6 +74,7 @@ pub(super) fn log_of(m: Machine, tweak: &dyn Fn(&mut DriveStateMsg, f64)) -> Dri
         arm,
         sent: Vec::new(),
         received: Vec::new(),
+        texts: Vec::new(),
         phases: Vec::new(),
         until: BEGIN,
         given_up: None,
@@ -92,6 +93,8 @@ pub(super) fn log_of(m: Machine, tweak: &dyn Fn(&mut DriveStateMsg, f64)) -> Dri
         log.sent.push(SentCommand { at, command: command(at, drive_flag::START) });
         let mut state = DriveStateMsg { sequence: i as u64, stamp: at + ms(2.0), ..initial() };
         tweak(&mut state, -90.0);
+        let names: Vec<_> = log.arm.joints.iter().map(|joint| joint.name.clone()).collect();
+        log.texts.push(ReceivedText { at: at + ms(2.4), text: DriveTextMsg::of_joints(&names) });
         log.received.push(ReceivedState { at: at + ms(2.5), of_batch: 1, batch: 1, state });
     }
     let plan = TrialPlan::new(m.trial, &log.arm, m.mode, true, &initial());

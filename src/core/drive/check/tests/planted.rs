@@ -5,7 +5,7 @@
 use super::honest::{BEGIN, JOINTS, START, ms, untouched};
 use crate::drive::check::DriveRule as R;
 use crate::drive::check::*;
-use crate::messages::{DriveStateMsg, drive_flag};
+use crate::messages::{DriveStateMsg, DriveTextMsg, drive_flag};
 use crate::time::{MonoNs, SpanNs, TICK};
 
 pub(super) type Tweak = fn(&mut DriveStateMsg, f64);
@@ -15,6 +15,10 @@ pub(super) fn ended(log: &mut DriveLog, at: MonoNs, code: u8, words: Option<&str
     log.exit = ProgramExit::Ended { at, code: Some(code), words: words.map(Into::into) };
     log.received.retain(|r| r.at < at);
     log.until = log.until.min(at + ms(5.0));
+}
+
+fn named(names: &[&str]) -> DriveTextMsg {
+    DriveTextMsg::of_joints(names)
 }
 
 pub(super) fn phase_begin(log: &DriveLog, wanted: PhaseKind) -> MonoNs {
@@ -50,6 +54,48 @@ pub(super) fn violations() -> Vec<(&'static str, DriveTrial, Tweak, Change, Vec<
             vec![R::EveryStart],
         ),
         ("three joints", Motion, |s, _| s.joints = 3, NO_CHANGE, vec![R::Joints]),
+        (
+            "joints in another order",
+            Motion,
+            NO_TWEAK,
+            |log| log.texts.iter_mut().for_each(|t| t.text = named(&["j1", "j0", "j2", "j3"])),
+            vec![R::JointNames],
+        ),
+        (
+            "joints of another robot",
+            Motion,
+            NO_TWEAK,
+            |log| log.texts[1].text = named(&["axis_1", "axis_2", "axis_3", "axis_4"]),
+            vec![R::JointNames],
+        ),
+        (
+            "fewer names than joints",
+            Motion,
+            NO_TWEAK,
+            |log| log.texts[0].text = named(&["j0", "j1", "j2"]),
+            vec![R::JointNames],
+        ),
+        (
+            "a joint that counts the other way round",
+            Motion,
+            NO_TWEAK,
+            |log| log.texts[0].text.signs[2] = -1.0,
+            vec![R::JointNames],
+        ),
+        (
+            "a joint with another zero",
+            Motion,
+            NO_TWEAK,
+            |log| log.texts[0].text.zero_offsets[1] = -1.5,
+            vec![R::JointNames],
+        ),
+        (
+            "names after the answer to START",
+            Motion,
+            NO_TWEAK,
+            |log| log.texts.iter_mut().for_each(|t| t.at = t.at + ms(60.0)),
+            vec![R::JointNames],
+        ),
         ("no modes", Motion, |s, _| s.modes = 0, NO_CHANGE, vec![R::Modes]),
         ("modes that there are not", Motion, |s, _| s.modes |= 32, NO_CHANGE, vec![R::Modes]),
         (
