@@ -26,8 +26,6 @@ pub struct RunFacts {
     pub serves: bool,
     /// Columns and rows of the image.
     pub image_px: [f64; 2],
-    /// Names of the targets, by their numbers.
-    pub targets: Vec<String>,
     /// Feature error below which the goal is reached.
     pub tolerance_px: f64,
     /// Upper edges of the classes of [`DeadlineTimes::counts`] but the last, which has none.
@@ -146,8 +144,8 @@ pub struct RunSnapshot {
     pub orientation_error_deg: f64,
     /// Number of the goal.
     pub goal: u32,
-    /// Number of its target.
-    pub target_number: u32,
+    /// Name of its target, of a run with several.
+    pub target_name: Option<String>,
     /// Whether a part of the target is hidden.
     pub is_degraded: bool,
     /// Where the time of a measurement goes.
@@ -217,7 +215,6 @@ impl RunView {
             lockstep: facts.lockstep,
             serves: facts.serves,
             image_px: facts.image_px,
-            targets: facts.targets.clone(),
             tolerance_px: facts.goal_error_px,
             edges_us: EDGES_US.to_vec(),
         }
@@ -257,7 +254,7 @@ impl RunView {
             position_error_mm: known(s.position_error_m * 1e3),
             orientation_error_deg: known(s.orientation_error_rad.to_degrees()),
             goal: s.goal,
-            target_number: s.target_number,
+            target_name: self.target_name(s.target_number).map(str::to_owned),
             is_degraded: s.flags & status_flag::DEGRADED != 0,
             stages: self.stage_times(),
             ticks: self.tick_times(),

@@ -9,6 +9,8 @@ use crate::sim::perfect_measurement;
 use nalgebra::{Point3, Vector3, Vector4};
 use proptest::prelude::*;
 
+mod targets;
+
 const MS: i64 = 1_000_000;
 
 fn square() -> [Point3<f64>; 4] {
@@ -392,62 +394,4 @@ fn a_path_begins_with_the_law_and_ends_with_another_goal() {
     moved_to(&mut s, 2000..=2000);
     velocity(s.law_output(&q_at(100), &still, &robot));
     assert_eq!((s.path_began(), s.set_point()), (None, &other));
-}
-
-/// Nothing that was seen of one target is used for the goal of another, neither before nor after the change.
-#[test]
-fn another_target_is_waited_for() {
-    let robot = scara();
-    let mut s = servo(UpdatePolicy::Predict);
-    moved_to(&mut s, 0..=50);
-    assert_eq!(s.add_measurement(MonoNs(50 * MS), &seen_at(20), &robot), MeasurementVerdict::Used);
-    assert!(s.law_output(&q_at(50), &Vector4::zeros(), &robot).is_some());
-    let other = s.set_point().clone().with_target(1);
-    s.set_goal(other);
-    assert!(s.law_output(&q_at(50), &Vector4::zeros(), &robot).is_none());
-    assert!(s.way_back(&q_at(50)).is_none());
-    let of_old = seen_at(40);
-    assert_eq!(s.add_measurement(MonoNs(50 * MS), &of_old, &robot), MeasurementVerdict::OtherTarget);
-    assert!(s.law_output(&q_at(50), &Vector4::zeros(), &robot).is_none());
-    // Also of an exposure before that of the last measurement of the old one.
-    let of_new = Measurement { target_number: 1, ..seen_at(10) };
-    assert_eq!(s.add_measurement(MonoNs(50 * MS), &of_new, &robot), MeasurementVerdict::Used);
-    assert!(s.law_output(&q_at(50), &Vector4::zeros(), &robot).is_some());
-}
-
-/// An arm that looks for a target again goes back to where it saw that one, once it is known to be out of view.
-#[test]
-fn each_target_has_a_way_back_of_its_own() {
-    let robot = scara();
-    let mut s = servo(UpdatePolicy::Predict);
-    s.settings.returns = true;
-    moved_to(&mut s, 0..=100);
-    let end = |s: &VisualServo<4>| s.way_back(&q_at(100)).map(|(qd, way)| q_at(100) + qd / way.rate_1_s);
-    let near = |q: Option<Vector4<f64>>, ms: i64| q.is_some_and(|q| (q - q_at(ms)).norm() < 1e-9);
-    let (first, second) = (s.set_point().clone(), s.set_point().clone().with_target(1));
-    let blind = |target_number| Measurement { target_number, ..Measurement::default() };
-    assert!(s.add_measurement(MonoNs(100 * MS), &seen_at(20), &robot).is_used());
-    s.set_goal(second.clone());
-    assert!(s.looks_for_another() && !s.knows_no_place());
-    for misses in 1..=3 {
-        // What is seen of the first target, or not, says nothing about the second one.
-        s.add_measurement(MonoNs(100 * MS), &blind(0), &robot);
-        s.add_measurement(MonoNs(100 * MS), &blind(1), &robot);
-        assert_eq!(s.knows_no_place(), misses == 3, "{misses}");
-        assert!(end(&s).is_none(), "it was never seen");
-    }
-    let of_second = Measurement { target_number: 1, ..seen_at(60) };
-    assert!(s.add_measurement(MonoNs(100 * MS), &of_second, &robot).is_used());
-    assert!(near(end(&s), 60) && !s.looks_for_another());
-    for (goal, number, ms) in [(first, 0, 20), (second, 1, 60)] {
-        s.set_goal(goal);
-        for _ in 0..2 {
-            s.add_measurement(MonoNs(100 * MS), &blind(number), &robot);
-            assert!(end(&s).is_none(), "not known yet whether it is in view");
-        }
-        s.add_measurement(MonoNs(100 * MS), &blind(number), &robot);
-        assert!(near(end(&s), ms) && !s.knows_no_place(), "{number}");
-    }
-    s.settings.returns = false;
-    assert!(end(&s).is_none());
 }
