@@ -320,6 +320,9 @@ fn further_targets_are_where_they_have_moved_to_in_each_part_of_an_exposure() {
     // Two halves of an exposure, each with its place: the mean of both images.
     let both = image(&[X_CO, X_CO], &[at(0.03), at(-0.04)]);
     let (a, b) = (of_still(0.03), of_still(-0.04));
-    let off = both.iter().zip(a.iter().zip(&b)).map(|(m, (a, b))| (f64::from(*m) - 0.5 * (f64::from(*a) + f64::from(*b))).abs());
+    let off = both
+        .iter()
+        .zip(a.iter().zip(&b))
+        .map(|(m, (a, b))| (f64::from(*m) - 0.5 * (f64::from(*a) + f64::from(*b))).abs());
     assert!(off.fold(0.0, f64::max) <= 1.0, "but for rounding");
 }

@@ -77,7 +77,9 @@ fn known_depths_are_those_of_the_goals_target() {
             s.set_goal(goal);
         }
         let m = Measurement { target_number, ..seen_at(20) };
-        s.add_measurement(MonoNs(50 * MS), &m, &robot).is_used().then(|| velocity(s.law_output(&q_at(50), &Vector4::zeros(), &robot)))
+        s.add_measurement(MonoNs(50 * MS), &m, &robot)
+            .is_used()
+            .then(|| velocity(s.law_output(&q_at(50), &Vector4::zeros(), &robot)))
     };
     let alone = first_output(vec![X_BO], 0).unwrap();
     assert_eq!(first_output(vec![elsewhere, X_BO], 1), Some(alone));
