@@ -294,7 +294,7 @@ fn nonsense_is_refused() {
 }
 
 #[test]
-fn further_targets_are_where_they_have_moved_to_in_each_part_of_an_exposure() {
+fn further_targets_are_drawn_where_they_have_moved_to() {
     let camera = camera(96, 72, 90.0, Distortion::default());
     let (further, look): (Target, _) = (FourDots::default().into(), SceneLook::default());
     let still = |X_OT| {
