@@ -380,6 +380,9 @@ pub struct TeachArguments {
     /// File to write, for `servo.set_point.file`; an image of the view is written beside it, as PNG
     #[arg(long, value_name = "FILE.toml")]
     pub out: PathBuf,
+    /// The target of [targets.NAME] whose goal it is; left out: that of [target]
+    #[arg(long, value_name = "NAME")]
+    pub target: Option<String>,
     /// How many measurements to take the mean of
     #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     pub measurements: u32,

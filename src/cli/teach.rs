@@ -5,7 +5,7 @@
 
 use super::{TeachArguments, check_writable, lost, shown, write_result};
 use crate::config::Task;
-use crate::config::{Config, GoalFeature, GoalFile, assemble};
+use crate::config::{Config, FIRST_TARGET, GoalFeature, GoalFile, assemble};
 use crate::imaging::ImageView;
 use crate::input::printable;
 use crate::messages::{FrameHeader, JointState, Measurement};
@@ -41,7 +41,12 @@ pub(super) fn teach(arguments: &TeachArguments) -> Result<u8, ProcessError> {
     check_writable(&arguments.out)?;
     let image = arguments.out.with_extension("png");
     check_writable(&image)?;
-    let mut goal_recorder = GoalRecorder::of(&config, arguments.measurements);
+    // The target whose goal it is takes the first one's place for who looks; the scene and the camera stay as they are.
+    let name = arguments.target.as_deref().filter(|name| *name != FIRST_TARGET);
+    let led = config
+        .led_by(name.unwrap_or(FIRST_TARGET))
+        .map_err(|why| ProcessError::NoCommand(format!("--target: {why}")))?;
+    let mut goal_recorder = GoalRecorder::of(&led, name, arguments.measurements);
     if arguments.images.is_empty() {
         goal_recorder.look_through(open(&config)?, &stop)?;
     } else {
@@ -52,10 +57,10 @@ pub(super) fn teach(arguments: &TeachArguments) -> Result<u8, ProcessError> {
     }
     let (goal, grey) = goal_recorder.goal()?;
     let size = config.camera.full_size_px();
-    let name = image.file_name().map(|name| name.to_string_lossy().into_owned());
+    let image_name = image.file_name().map(|name| name.to_string_lossy().into_owned());
     let shot = encode_png(&grey, size.0, size.1, ExtendedColorType::L8).map_err(std::io::Error::other);
     let thumbnail = match shot.and_then(|png| write_file(&image, png)) {
-        Ok(()) => name,
+        Ok(()) => image_name,
         // the goal counts, not its image
         Err(cause) => return Ok(lost(&image, cause, 0)),
     };
@@ -65,9 +70,14 @@ pub(super) fn teach(arguments: &TeachArguments) -> Result<u8, ProcessError> {
     let place = printable(&arguments.out.display().to_string());
     let distance =
         goal.pose.map_or(String::new(), |pose| format!(", {:.3} m before the camera", pose.position_m[2]));
+    let of = name.map_or(String::new(), |name| format!(" of `{}`", printable(name)));
+    let use_it = match name {
+        None => format!("--set servo.set_point.file={place}"),
+        Some(_) => format!("[goals.NAME] file = \"{place}\", or `vservo ctl goal {place}`"),
+    };
     let line = format!(
-        "{place}: {} points from {} images{distance}; they differ by up to {worst:.3} px\n\
-         use it with --set servo.set_point.file={place}\n",
+        "{place}: {} points{of} from {} images{distance}; they differ by up to {worst:.3} px\n\
+         use it with {use_it}\n",
         goal.features.len(),
         goal.measurements.unwrap_or_default(),
     );
@@ -76,7 +86,10 @@ pub(super) fn teach(arguments: &TeachArguments) -> Result<u8, ProcessError> {
 
 /// Who learns: vision, and the sums of what it saw.
 struct GoalRecorder<'a> {
+    /// The cell, led by the target.
     config: &'a Config,
+    /// Name of the target, where it is not that of `[target]`.
+    name: Option<&'a str>,
     vision: Vision,
     wanted: u32,
     taken: u32,
@@ -97,11 +110,12 @@ struct Sum {
 }
 
 impl<'a> GoalRecorder<'a> {
-    fn of(config: &'a Config, wanted: u32) -> Self {
+    fn of(config: &'a Config, name: Option<&'a str>, wanted: u32) -> Self {
         let sums = config.set_point.ids().iter().map(|&id| Sum { id, ..Sum::default() }).collect();
         let vision = assemble::vision(config);
         Self {
             config,
+            name,
             vision,
             wanted: wanted.max(1),
             taken: 0,
@@ -224,9 +238,10 @@ impl<'a> GoalRecorder<'a> {
         let depth_m = self.config.effective.servo.constant_depth_m;
         let set_point = SetPoint::from_features(&s_d, self.config.set_point.points(), depth_m);
         let pose = set_point.as_ref().and_then(SetPoint::X_DO).map(GoalFile::pose_of);
-        let target = GoalFile::target_word(self.config);
+        let target = GoalFile::target_word(self.config, self.name);
         let goal = GoalFile {
             target,
+            target_name: self.name.map(str::to_owned),
             measurements: Some(self.taken),
             q_rad_or_m: Vec::new(),
             thumbnail: None,

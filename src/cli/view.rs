@@ -12,12 +12,12 @@ mod sheet;
 use super::{ViewArguments, check_writable, shown, write_result};
 use crate::camera_model::CameraModel;
 use crate::config::assemble::{AssembleError, renderer};
-use crate::config::{Config, Draft, Source};
+use crate::config::{Config, Draft, FIRST_TARGET, ProgramGoal, Source, TargetGoal};
 use crate::geometry::Pose;
 use crate::input::printable;
 use crate::process::ProcessError;
 use crate::rt::tell;
-use crate::scene::{PointVisibility, Renderer, SceneLook, SensorModel};
+use crate::scene::{PointVisibility, Renderer, SceneLook, SensorModel, Visibility};
 use crate::sim::preflight::{Preflight, Reach, Viewpoint};
 use crate::target::Target;
 use image::GrayImage;
@@ -32,6 +32,8 @@ const LEGEND: &str = "  drawn: green: points; orange: their ways when the camera
 const NUMBERED: usize = 16;
 /// How far from the border of the image what is outside is told, px.
 const INSIDE_PX: f64 = 14.0;
+/// The name of a target stands so far below its lowest point, px.
+const NAME_BELOW_PX: f64 = 8.0;
 
 /// # Errors
 /// When the run file is wrong.
@@ -48,7 +50,7 @@ pub(super) fn view(arguments: &ViewArguments) -> Result<u8, ProcessError> {
     // a run file whose target is out of the image is refused by all others: here is where one sees it
     let draft = Draft::load(arguments.config.as_deref(), &arguments.set)?;
     let config = draft.validate_whatever_is_seen()?;
-    let preflight = Preflight::of(&config)?;
+    let preflight = Preflight::of(&config)?.with_names(&config)?;
     check_writable(&arguments.out)?;
     let sheet = draw(&config, &preflight)?;
     let Some(bytes) = write(&sheet) else {
@@ -73,20 +75,65 @@ fn draw(config: &Config, preflight: &Preflight) -> Result<ImageSheet, ProcessErr
         let mut panel = ImagePanel::new("START", image);
         way(&mut panel, config, preflight, &scene.camera);
         annotate(&mut panel, view, &scene.target, &scene.camera);
+        name_targets(&mut panel, config, FIRST_TARGET, &view.X_CO, &scene.camera);
         panels.push(panel);
     }
     if let Some(view) = &preflight.goal {
-        let image = rendered(believed(config)?, &view.X_CO);
-        let mut panel = ImagePanel::new("GOAL", image);
-        annotate(&mut panel, view, &config.target, &config.camera.model);
-        if matches!(preflight.reach, Reach::Beyond { .. }) {
-            panel.label(Vector2::new(8.0, 28.0), "OUT OF REACH", Colour::Outside);
+        panels.push(goal(FIRST_TARGET, config, view, &preflight.reach)?);
+    }
+    for ahead in &preflight.targets {
+        let of = TargetGoal { goal: ProgramGoal::Present, target: Some(ahead.name.clone()) };
+        if let (Some(view), Some(led)) = (&ahead.goal, config.with_goal(&of)) {
+            panels.push(goal(&ahead.name, &led, view, &ahead.reach)?);
         }
-        panels.push(panel);
     }
     let mut lines = preflight.lines();
     lines.push(LEGEND.into());
     Ok(ImageSheet { panels, lines })
+}
+
+/// The view of the first target of `config` at its goal.
+fn goal(name: &str, config: &Config, view: &Viewpoint, reach: &Reach) -> Result<ImagePanel, ProcessError> {
+    let several = !config.further_targets.is_empty();
+    let title = if several { format!("GOAL OF {}", printable(name)) } else { "GOAL".into() };
+    let mut panel = ImagePanel::new(title, rendered(believed(config)?, &view.X_CO));
+    annotate(&mut panel, view, &config.target, &config.camera.model);
+    name_targets(&mut panel, config, name, &view.X_CO, &config.camera.model);
+    if matches!(reach, Reach::Beyond { .. }) {
+        panel.label(Vector2::new(8.0, 28.0), "OUT OF REACH", Colour::Outside);
+    }
+    Ok(panel)
+}
+
+/// The names of several targets, and the further ones where they are in the view in which the first one, `name`, is at `X_CO`.
+fn name_targets(panel: &mut ImagePanel, config: &Config, name: &str, X_CO: &Pose, camera: &CameraModel) {
+    let Some(scene) = &config.scene else { return };
+    if let (Some(place), false) =
+        (camera.project(&(X_CO * Point3::origin())), config.further_targets.is_empty())
+    {
+        panel.free_label(place + Vector2::new(8.0, NAME_BELOW_PX), &printable(name), Colour::Point);
+    }
+    for (further, (target, X_OT)) in config.further_targets.iter().zip(scene.further_in_first()) {
+        let X_CT = X_CO * X_OT;
+        let visibility = Visibility::of(target, camera, &X_CT);
+        let name = printable(&further.name);
+        let i = camera.intrinsics();
+        let size = Vector2::new(f64::from(i.width_px), f64::from(i.height_px));
+        let whole = visibility.points.iter().filter(|point| point.whole && visibility.front);
+        let seen: Vec<_> = whole.filter_map(|point| point.px).collect();
+        for [u, v] in &seen {
+            panel.cross(Vector2::new(*u, *v), 4.0, Colour::Point);
+        }
+        let Some(lowest) = seen.iter().copied().reduce(|a, b| if b[1] > a[1] { b } else { a }) else {
+            let middle = camera.project(&(X_CT * Point3::origin()));
+            let place = middle.map_or(Vector2::zeros(), |px| px.inf(&size)).sup(&Vector2::repeat(8.0));
+            let room = size - Vector2::new(12.0 * (name.chars().count() as f64 + 18.0), 22.0);
+            panel.free_label(place.inf(&room), &format!("{name}: OUT OF THE IMAGE"), Colour::Outside);
+            continue;
+        };
+        axes(panel, &X_CT, target, camera);
+        panel.free_label(Vector2::from(lowest) + Vector2::new(8.0, NAME_BELOW_PX), &name, Colour::Point);
+    }
 }
 
 /// What renders the goal: camera and target as they are believed to be.
@@ -100,7 +147,7 @@ fn believed(config: &Config) -> Result<Renderer, ProcessError> {
     Ok(match &config.scene {
         Some(scene) => {
             let renderer = renderer.with_backdrop(scene.backdrop).map_err(AssembleError::from)?;
-            renderer.with_bystanders(&scene.bystanders)
+            renderer.with_bystanders(&scene.bystanders).with_further_targets(scene.further_in_first())
         }
         None => renderer,
     })

@@ -1,7 +1,9 @@
 //! Requests that carry numbers: goals, postures, small motions, settings.
 
 use super::{Client, RunAnswer, WaitFor};
-use crate::config::{GoalFeature, GoalFile, NamedPlaces, ProgramGoal, RawNamedGoal, RawPosture, TargetGoal};
+use crate::config::{
+    FIRST_TARGET, GoalFeature, GoalFile, NamedPlaces, ProgramGoal, RawNamedGoal, RawPosture, TargetGoal,
+};
 use crate::control::lifecycle::Request;
 use crate::geometry::Pose;
 use crate::input::nearest;
@@ -150,6 +152,10 @@ impl Client {
     /// # Errors
     /// As for [`Self::status`], and when it is of another target than the run's.
     pub fn goal(&self, goal: &GoalFile) -> Result<RunAnswer, ProcessError> {
+        if let Some(name) = goal.target_name.as_ref().filter(|_| self.target == 0) {
+            let of_its_target = self.clone().of_target(name)?;
+            return of_its_target.goal(goal);
+        }
         if let Some(target) = self.present_target()?.filter(|target| target.kind != goal.target) {
             let (key, kind) = (target.key(), &target.kind);
             let why =
@@ -238,8 +244,13 @@ impl Client {
             return Ok(Err("teaching was given up".to_owned()));
         }
         let feature = |(id, s): &(u32, [f64; 2])| GoalFeature { id: *id, s: *s, px: None, spread_px: None };
+        let target = self.targets().into_iter().nth(status.target_number.unwrap_or(0) as usize);
         Ok(Ok(GoalFile {
-            target: self.present_target()?.map(|target| target.kind).unwrap_or_default(),
+            target_name: target
+                .as_ref()
+                .filter(|target| target.name != FIRST_TARGET)
+                .map(|target| target.name.clone()),
+            target: target.map(|target| target.kind).unwrap_or_default(),
             measurements: None,
             q_rad_or_m: status.q_rad_or_m,
             thumbnail: None,

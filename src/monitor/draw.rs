@@ -96,9 +96,7 @@ fn head(screen: &mut Screen, view: &RunView, now: MonoNs) {
         text += &format!("   camera {:.2} mm {deg:.3} deg from the goal", s.position_error_m * 1e3);
     }
     text += &format!("   goal {}", s.goal);
-    if let Some(name) =
-        view.facts.targets.get(s.target_number as usize).filter(|_| view.facts.targets.len() > 1)
-    {
+    if let Some(name) = view.target_name(s.target_number) {
         text += &format!(" of the target {name}");
     }
     if s.flags & status_flag::DEGRADED != 0 {

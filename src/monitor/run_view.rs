@@ -195,14 +195,26 @@ impl RunView {
         }
     }
 
+    /// Name of the target with this number, of a run with several.
+    pub(super) fn target_name(&self, number: u32) -> Option<&str> {
+        let several = self.facts.targets.len() > 1;
+        self.facts.targets.get(number as usize).filter(|_| several).map(String::as_str)
+    }
+
     /// Takes in a measurement that came at `now` of the watcher's clock.
     pub fn measurement(&mut self, record: &Measurement, now: MonoNs) {
-        let target = |m: &Measurement| m.target_status();
         let before = self.measurement.replace(Newest { record: *record, came: now });
-        let before = before.map_or(TargetStatus::Found, |newest| target(&newest.record));
-        if before != target(record) {
+        let (before, number) = before.map_or((TargetStatus::Found, 0), |newest| {
+            (newest.record.target_status(), newest.record.target_number)
+        });
+        if number != record.target_number {
+            // Points of one target are not on the way of another's.
+            self.trails.clear();
+        }
+        if (before, number) != (record.target_status(), record.target_number) {
             let time_s = self.origin.map_or(f64::NAN, |origin| (record.exposure - origin).as_s());
-            self.event(time_s, format!("target: {}", target(record).as_str()));
+            let name = self.target_name(record.target_number).unwrap_or("target").to_owned();
+            self.event(time_s, format!("{name}: {}", record.target_status().as_str()));
         }
         // A point that is not seen has no trail any more.
         let seen = record.features();
@@ -283,7 +295,8 @@ impl RunView {
         } else if self.measurement.is_none() {
             "the first frame".into()
         } else {
-            format!("a view of the target: {}", target.as_str())
+            let name = self.target_name(s.target_number).map_or(String::new(), |name| format!(" {name}"));
+            format!("a view of the target{name}: {}", target.as_str())
         };
         let start = if self.facts.has_keys { ": s" } else { "" };
         let tolerance = format!("{} px for {} s", self.facts.goal_error_px, self.facts.hold_s);
@@ -401,6 +414,12 @@ mod tests {
             word(&mut view, Status { target: 2, ..s })
                 .starts_with("waits for a view of the target: fewer marks")
         );
+        let mut of_two =
+            RunView::new(CellFacts { targets: vec!["target".into(), "bin".into()], ..CellFacts::default() });
+        of_two.measurement(&Measurement { status: 2, target_number: 1, ..Measurement::default() }, MonoNs(0));
+        assert!(of_two.events.back().is_some_and(|(_, what)| what.starts_with("bin: fewer marks")));
+        let told = word(&mut of_two, Status { target: 2, target_number: 1, ..s });
+        assert!(told.starts_with("waits for a view of the target bin: fewer marks"), "{told}");
         let gone = Status { state: 2, camera_state: 5, camera_state_s: 3.2, ..s };
         assert_eq!(word(&mut view, gone), "stands, and waits for the camera, which is unplugged for 3.2 s");
         assert_eq!(

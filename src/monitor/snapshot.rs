@@ -144,6 +144,8 @@ pub struct RunSnapshot {
     pub orientation_error_deg: f64,
     /// Number of the goal.
     pub goal: u32,
+    /// Name of its target, of a run with several.
+    pub target_name: Option<String>,
     /// Whether a part of the target is hidden.
     pub is_degraded: bool,
     /// Where the time of a measurement goes.
@@ -252,6 +254,7 @@ impl RunView {
             position_error_mm: known(s.position_error_m * 1e3),
             orientation_error_deg: known(s.orientation_error_rad.to_degrees()),
             goal: s.goal,
+            target_name: self.target_name(s.target_number).map(str::to_owned),
             is_degraded: s.flags & status_flag::DEGRADED != 0,
             stages: self.stage_times(),
             ticks: self.tick_times(),

@@ -3,8 +3,7 @@
 use super::report_folder::{CONFIG, EVENTS, FRAMES, GOAL, MEASUREMENTS, PAGE, POSES, SUMMARY, TICKS, TRACE};
 use super::run_place::when_and_where;
 use super::{NewReport, ProcessError, ReportFolder};
-use crate::config::Clock;
-use crate::config::Config;
+use crate::config::{Clock, Config, FurtherTarget};
 use crate::control::outcome::Outcome;
 use crate::explain::{Explanation, RunEvidence, explain};
 use crate::report::csv_table::{CsvTable, csv_cell};
@@ -117,7 +116,7 @@ fn described(config: &Config, summary: &Summary, commands: &[String]) -> RunReco
         image_px: [f64::from(i.width_px), f64::from(i.height_px)],
         goal_error_px: config.goal.feature_error_px,
         plate_m: [plate.low_m.into(), plate.high_m.into()],
-        points_m: config.target.points().iter().map(|p| p.p_O.coords.into()).collect(),
+        further_targets: config.further_targets.iter().map(plate_of).collect(),
         events: events.collect(),
         events_left_out: summary.safety.events_left_out,
         tick_times: summary.tick_us.total_histogram.clone(),
@@ -125,6 +124,12 @@ fn described(config: &Config, summary: &Summary, commands: &[String]) -> RunReco
         files: files.map(|(name, what)| (name.to_owned(), what.to_owned())).into(),
         ..RunRecord::default()
     }
+}
+
+/// The name of a further target, and the corners of its plate, m.
+fn plate_of(further: &FurtherTarget) -> (String, [[f64; 2]; 2]) {
+    let plate = further.target.plate();
+    (further.name.clone(), [plate.low_m.into(), plate.high_m.into()])
 }
 
 fn events_csv(summary: &Summary) -> String {

@@ -112,3 +112,23 @@ fn a_target_that_leaps_within_the_view_is_reached() {
         }
     }
 }
+
+/// What a run that follows is told to change is nothing that its file has already.
+#[test]
+fn a_run_that_stays_behind_its_object_is_told_what_is_left() {
+    for moves in [false, true] {
+        let set = [
+            format!("servo.object.moves={moves}"),
+            "goal.feature_error_px=0.01".into(),
+            "run.duration_s=8".into(),
+            "scene.motion.kind=pendulum".into(),
+            "scene.motion.frequency_hz=0.4".into(),
+        ];
+        let config = Config::load(None, &set).unwrap();
+        let run = simulate_system(&config, &mut |_| Continue(())).unwrap();
+        assert_eq!(run.finish.outcome, Outcome::NotConverged);
+        let told = run.finish.reason;
+        assert_eq!(told.contains("the object moves (servo.object.moves)"), !moves, "{told}");
+        assert_eq!(told.contains("the arm follows the object"), moves, "{told}");
+    }
+}

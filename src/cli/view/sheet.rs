@@ -70,15 +70,15 @@ impl Colour {
 /// An image, and what is drawn over it in its pixels.
 #[derive(Debug, Clone)]
 pub(super) struct ImagePanel {
-    title: &'static str,
+    title: String,
     image: GrayImage,
     lines: Vec<(Vector2<f64>, Vector2<f64>, Colour)>,
     labels: Vec<(Vector2<f64>, String, Colour)>,
 }
 
 impl ImagePanel {
-    pub(super) fn new(title: &'static str, image: GrayImage) -> Self {
-        Self { title, image, lines: Vec::new(), labels: Vec::new() }
+    pub(super) fn new(title: impl Into<String>, image: GrayImage) -> Self {
+        Self { title: title.into(), image, lines: Vec::new(), labels: Vec::new() }
     }
 
     /// A straight line.
@@ -197,7 +197,7 @@ impl ImageSheet {
             }
             image::imageops::replace(&mut out, &drawn, i64::from(x), i64::from(y));
             let title = Vector2::new(f64::from(x), f64::from(EDGE - 4));
-            write(&mut out, title, panel.title, Colour::Words.rgb());
+            write(&mut out, title, &panel.title, Colour::Words.rgb());
         }
         let rows = (self.foot()..).step_by(LINE as usize);
         for (line, y) in words.iter().zip(rows) {
@@ -219,7 +219,7 @@ impl ImageSheet {
             let (w, h) = panel.image.dimensions();
             let image = base64(&encode_png(panel.image.as_raw(), w, h, ExtendedColorType::L8).ok()?);
             // a String takes everything
-            let _ = writeln!(out, "<text x=\"{x}\" y=\"{}\">{}</text>", y - 5, panel.title);
+            let _ = writeln!(out, "<text x=\"{x}\" y=\"{}\">{}</text>", y - 5, escaped(&panel.title));
             // pixels' centres are whole numbers
             let _ = writeln!(
                 out,

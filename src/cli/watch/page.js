@@ -151,7 +151,7 @@ function show(message) {
   showCurve();
   const pairs = [['time of the run', unit(now.time_s, 1, 's')], ['feature error', unit(now.feature_error_px, 3, 'px')]];
   if (now.position_error_mm !== null) pairs.push(['camera to goal', `${now.position_error_mm.toFixed(2)} mm, ${number(now.orientation_error_deg, 3)} deg`]);
-  pairs.push(['goal', String(now.goal)]);
+  pairs.push(['goal', now.target_name === null ? String(now.goal) : `${now.goal} of the target ${now.target_name}`]);
   if (now.robot) pairs.push(['robot', now.robot.words]);
   if (now.outcome) pairs.push(['outcome', now.outcome]);
   if (now.is_degraded) pairs.push(['target', 'a part is hidden']);

@@ -153,12 +153,11 @@ pub fn renderer(config: &Config) -> Result<Renderer, AssembleError> {
     else {
         return Err(AssembleError::NoScene);
     };
-    let further = scene.further_targets.iter().map(|(target, X_WT)| (target, scene.X_WO.inv_mul(X_WT)));
     Ok(Renderer::new(scene.camera, scene.target.clone(), *look, *sensor)?
         .with_response(response, &config.camera.response)
         .with_backdrop(scene.backdrop)?
         .with_bystanders(&scene.bystanders)
-        .with_further_targets(further))
+        .with_further_targets(scene.further_in_first()))
 }
 
 /// The synthetic camera of a configuration, with its true parameters, for an arm at rest at its start.
@@ -176,8 +175,7 @@ pub fn synthetic_camera<const N: usize>(config: &Config) -> Result<SyntheticCame
         history,
         renderer,
         scene.mount,
-        scene.X_WO,
-        scene.motion,
+        scene.places(),
         scene.occluders.clone(),
         *motion_blur,
     );
@@ -361,6 +359,7 @@ pub fn control_loop_with<const N: usize>(
         f_px: Vector2::new(i.fx_px, i.fy_px),
         path: config.servo.path.clone(),
         law: config.servo.law.clone(),
+        follows: config.servo.object.is_some(),
         points: config.targets().map(|(_, target)| target.point_kind()).collect(),
         stability: f64::NAN,
     };
@@ -383,13 +382,7 @@ pub fn control_loop_with<const N: usize>(
 }
 
 fn truth<const N: usize>(scene: &Scene) -> Result<Truth<N>, AssembleError> {
-    Ok(Truth {
-        robot: scene.arm.build()?,
-        mount: scene.mount,
-        X_WO: scene.X_WO,
-        further_X_WO: scene.further_targets.iter().map(|(_, X_WO)| *X_WO).collect(),
-        motion: scene.motion,
-    })
+    Ok(Truth { robot: scene.arm.build()?, mount: scene.mount, objects: scene.places().collect() })
 }
 
 fn joint_controller<const N: usize>(

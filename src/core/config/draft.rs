@@ -3,6 +3,7 @@
 use super::check::pose;
 use super::goal_file::{GoalFile, word};
 use super::raw::{DriveKind, MountKind, RawConfig, RawDrive, RawMotion, SetPointKind, Task};
+use super::targets::FIRST_TARGET;
 use super::{Config, ConfigError, DEFAULT_TOML, Document, Problem, SHIPPED_FILES, ShippedFile};
 use super::{lens_file, pose_forms, stereo, tables, validate};
 use crate::geometry::{Pose, roll_pitch_yaw};
@@ -227,6 +228,9 @@ fn taught_set_point(
             let kind = word(raw.target.kind);
             wrong(format!("{place} is of a target of kind \"{}\", target.kind is \"{kind}\"", goal.target));
         }
+        Ok(GoalFile { target_name: Some(name), .. }) if name != FIRST_TARGET => wrong(format!(
+            "{place} is of the target `{name}`, and this is the goal of [target]: name it in [goals.NAME], with file"
+        )),
         Ok(goal) => {
             set_point.kind = SetPointKind::Features;
             set_point.features = goal.features.iter().map(|feature| feature.s).collect();

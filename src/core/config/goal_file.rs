@@ -13,6 +13,9 @@ use std::path::Path;
 pub struct GoalFile {
     /// Kind of target.
     pub target: String,
+    /// Name of the target in the run file, where it is one of `[targets]`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub target_name: Option<String>,
     /// How many measurements it is the mean of, where that is known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub measurements: Option<u32>,
@@ -76,10 +79,11 @@ impl GoalFile {
         how.to_owned() + &toml::to_string(self).unwrap_or_default()
     }
 
-    /// The word for the target of a run file.
+    /// The word for the kind of a target of a run file; `name` is one of `[targets]`, or `None` for `[target]`.
     #[must_use]
-    pub fn target_word(config: &Config) -> String {
-        word(config.effective.target.kind)
+    pub fn target_word(config: &Config, name: Option<&str>) -> String {
+        let further = name.and_then(|name| config.effective.targets.get(name));
+        word(further.unwrap_or(&config.effective.target).kind)
     }
 
     /// A pose as it stands in the file.
@@ -107,6 +111,7 @@ mod tests {
             features.map(|(id, s)| GoalFeature { id, s, px: None, spread_px: Some(0.01) }).collect();
         GoalFile {
             target: target.into(),
+            target_name: None,
             measurements: Some(10),
             q_rad_or_m: Vec::new(),
             thumbnail: None,

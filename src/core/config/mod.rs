@@ -49,7 +49,7 @@ pub use problem::{ConfigError, Problem};
 pub use program::{NamedPlaces, Program, ProgramStep, StepAction};
 pub use raw::{Clock, DriveKind, JointControl, RealtimePolicy, ResumePolicy, SchemeKind, SetPointKind, Task};
 pub use raw::{RawNamedGoal, RawPosture};
-pub use scene::Scene;
+pub use scene::{Scene, SceneObject};
 pub use shipped::{SHIPPED_FILES, ShippedFile};
 pub use source::Document;
 pub use stereo::{Stereo, taught_file};

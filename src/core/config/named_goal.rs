@@ -22,7 +22,7 @@ pub enum ProgramGoal {
     Pose(Pose),
 }
 
-/// A goal with its target.
+/// A goal with its target: that which the run file or the program names, or else that of which the file of the goal was taught.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TargetGoal {
     /// The goal; [`ProgramGoal::Present`]: the last one of its target.
@@ -48,7 +48,10 @@ impl RawNamedGoal {
         }
         if let Some(file) = self.file.take() {
             match GoalFile::load(&locate(&file)) {
-                Ok(goal) => self.taught = Some(goal),
+                Ok(goal) => {
+                    self.target = self.target.take().or_else(|| goal.target_name.clone());
+                    self.taught = Some(goal);
+                }
                 Err(why) => problems.push(document.problem(&format!("{key}.file"), why)),
             }
         } else if self.position_m.is_some() {

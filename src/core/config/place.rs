@@ -1,5 +1,6 @@
 //! Poses of the camera and of the target: `[camera.mount]`, `[scene.object]`.
 
+use super::raw::RawSceneMotion;
 use serde::{Deserialize, Serialize};
 
 word! {
@@ -43,6 +44,9 @@ pose_table! {
         position_m: [f64; 3] = [1.0, 1.0, 1.0],
         /// Roll, pitch, yaw, rad.
         rotation_rpy_rad: [f64; 3] = [0.0, 0.0, std::f64::consts::FRAC_PI_4],
+        /// `[scene.objects.NAME.motion]`: how a further target moves; that of `[scene.object]` stands in `[scene.motion]`.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        motion: Option<RawSceneMotion> = None,
     }
 }
 

@@ -175,9 +175,9 @@ impl ProgramReader<'_> {
 
     fn goal(&mut self, name: &str, raw: &RawNamedGoal, targets: &[String]) -> Option<TargetGoal> {
         let (folder, key) = (self.folder, format!("goals.{name}"));
-        self.check_target(&format!("{key}.target"), raw.target.as_deref(), targets);
         let mut raw = raw.clone();
         raw.resolve(&key, self.document, |path| folder.join(path), &mut self.problems);
+        self.check_target(&format!("{key}.target"), raw.target.as_deref(), targets);
         raw.goal(&key, &mut check::Validation::new(self.document, &mut self.problems))
     }
 

@@ -27,12 +27,36 @@ pub struct Scene {
     pub backdrop: Backdrop,
     /// Other targets beside it, which are not to be detected.
     pub bystanders: Vec<Bystander>,
-    /// The further targets in their true size, each with its pose as [`Self::X_WO`], where they rest.
-    pub further_targets: Vec<(Target, Pose)>,
+    /// The further targets in their true size.
+    pub further_targets: Vec<SceneObject>,
     /// The arm.
     pub arm: RobotDescription,
     /// True joint positions less what the encoders read, rad or m; as many as the robot has joints.
     pub q_offset: Vec<f64>,
+}
+
+/// A further target of a simulated scene.
+#[derive(Debug, Clone)]
+pub struct SceneObject {
+    /// The target.
+    pub target: Target,
+    /// Its pose at the first tick, as [`Scene::X_WO`].
+    pub X_WO: Pose,
+    /// Its motion from there.
+    pub motion: SceneMotion,
+}
+
+impl Scene {
+    /// Where all targets are at the first tick, by their numbers, each with its motion.
+    pub fn places(&self) -> impl Iterator<Item = (Pose, SceneMotion)> + '_ {
+        let further = self.further_targets.iter().map(|object| (object.X_WO, object.motion));
+        std::iter::once((self.X_WO, self.motion)).chain(further)
+    }
+
+    /// The further targets, each with its pose in the frame of the first one, at the first tick.
+    pub fn further_in_first(&self) -> impl Iterator<Item = (&Target, Pose)> {
+        self.further_targets.iter().map(|object| (&object.target, self.X_WO.inv_mul(&object.X_WO)))
+    }
 }
 
 impl Config {

@@ -75,9 +75,10 @@ pub(super) fn servo(
             "position_pd and image_pd command torques: they need drive.mode = \"torque\"",
         );
     }
-    let scene_is_known = raw.camera.source.is_simulated() && raw.scene.motion.kind == SceneMotionKind::Still;
-    if s.depth == Depth::Known && !scene_is_known {
-        check.wrong("servo.depth", "`known` needs a simulated scene with a target at rest");
+    let further = raw.scene.objects.values().filter_map(|object| object.motion.as_ref());
+    let at_rest = further.chain([&raw.scene.motion]).all(|motion| motion.kind == SceneMotionKind::Still);
+    if s.depth == Depth::Known && !(raw.camera.source.is_simulated() && at_rest) {
+        check.wrong("servo.depth", "`known` needs a simulated scene with targets at rest");
     }
     let lead_ms = check.range("servo.lead_ms", s.lead_ms, 0.0..=500.0);
     let smooth = check.range("servo.smooth_start_1_s", s.smooth_start_1_s, 0.0..=1000.0);

@@ -5,19 +5,19 @@ use super::check::Validation;
 use super::estimation::is_asked_for;
 use super::gains::law;
 use super::named_goal::{ProgramGoal, TargetGoal};
-use super::raw::{Depth, RawConfig, SceneMotionKind, SchemeKind, Task};
+use super::raw::{RawConfig, SchemeKind, Task};
 use super::selection::selection;
 use super::target::target;
 use crate::geometry::Pose;
 use crate::input::nearest;
-use crate::servo::{Law, Selection, SetPoint};
+use crate::servo::{Law, MAX_TARGETS, Selection, SetPoint};
 use crate::target::Target;
 use crate::vision::PoseApproach;
 
 /// Name of the target of `[target]`, where requests and programs name one.
 pub const FIRST_TARGET: &str = "target";
-/// Most further targets. Chosen by hand: each takes the memory of a finder, a few megabytes for a VGA camera, and a cell has a part, a place and a bin.
-const MAX_FURTHER: usize = 15;
+/// Most further targets: all but the first.
+const MAX_FURTHER: usize = MAX_TARGETS - 1;
 
 /// A further target.
 #[derive(Debug, Clone)]
@@ -37,18 +37,37 @@ impl Config {
         std::iter::once((FIRST_TARGET, &self.target)).chain(further)
     }
 
+    /// The same cell, with the target `name` and the first one in each other's places: what looks at `[target]` alone then looks at that one. An error
+    /// names the targets that there are.
+    ///
+    /// # Errors
+    /// When the run file has no target of this name.
+    pub fn led_by(&self, name: &str) -> Result<Self, String> {
+        let names = self.further_targets.iter().map(|further| further.name.as_str());
+        if let Some(why) = unknown(name, names.clone()) {
+            return Err(why);
+        }
+        let mut config = self.clone();
+        let Some(i) = names.into_iter().position(|one| one == name) else { return Ok(config) };
+        if let Some(further) = config.further_targets.get_mut(i) {
+            std::mem::swap(&mut further.target, &mut config.target);
+            std::mem::swap(&mut further.set_point, &mut config.set_point);
+            FIRST_TARGET.clone_into(&mut further.name);
+        }
+        if let Some(scene) = &mut config.scene
+            && let Some(object) = scene.further_targets.get_mut(i)
+        {
+            std::mem::swap(&mut object.target, &mut scene.target);
+            std::mem::swap(&mut object.X_WO, &mut scene.X_WO);
+            std::mem::swap(&mut object.motion, &mut scene.motion);
+        }
+        Ok(config)
+    }
+
     /// The cell whose goal is `goal`, with the target of that in place of the first one, where it lies; `None` where the goal is no view of it.
     #[must_use]
     pub fn with_goal(&self, goal: &TargetGoal) -> Option<Self> {
-        let mut config = self.clone();
-        let is_it = |further: &FurtherTarget| Some(&further.name) == goal.target.as_ref();
-        if let Some(i) = self.further_targets.iter().position(is_it) {
-            let further = self.further_targets.get(i)?;
-            (config.target, config.set_point) = (further.target.clone(), further.set_point.clone());
-            if let Some(scene) = &mut config.scene {
-                (scene.target, scene.X_WO) = scene.further_targets.get(i)?.clone();
-            }
-        }
+        let mut config = self.led_by(goal.target.as_deref().unwrap_or(FIRST_TARGET)).ok()?;
         config.set_point = match &goal.goal {
             ProgramGoal::Present => config.set_point,
             ProgramGoal::Taught(file) => {
@@ -139,9 +158,6 @@ fn refuse_what_has_one(raw: &RawConfig, check: &mut Validation<'_>) {
     refuse(is_asked_for(raw), "servo.interaction = \"estimated\": what is learnt is of one target");
     refuse(raw.servo.scheme == SchemeKind::LookAndMove, "servo.scheme = \"look_and_move\"");
     refuse(raw.run.task != Task::Servo, "a calibration (run.task)");
-    refuse(raw.servo.depth == Depth::Known, "servo.depth = \"known\", which is that of [target]");
-    let moves = raw.scene.motion.kind != SceneMotionKind::Still;
-    refuse(moves, "scene.motion: further targets rest");
     if raw.targets.len() > MAX_FURTHER {
         check.wrong(
             "targets",
@@ -186,7 +202,7 @@ mod tests {
         let numbers: Vec<_> = config.further_targets.iter().map(|f| f.set_point.target()).collect();
         assert_eq!((config.set_point.target(), numbers), (0, vec![1, 2]));
         let z_m: Vec<_> =
-            config.scene.unwrap().further_targets.iter().map(|(_, X)| X.translation.z).collect();
+            config.scene.unwrap().further_targets.iter().map(|object| object.X_WO.translation.z).collect();
         assert_eq!(z_m, [1.2, 1.0]);
     }
 
@@ -200,7 +216,12 @@ mod tests {
             ("scene.objects.lid.position_m=[0,0,1]", "scene.objects.lid: there is no [targets.lid]"),
             ("scene.objects.bin.position_m=[0,0,1e9]", "scene.objects.bin.position_m[2]: "),
             ("scene.objects.bin.on=flange", "scene.objects.bin.on: must be that of scene.object"),
-            ("scene.motion.kind=conveyor", "targets: several targets do not go with scene.motion"),
+            (
+                "scene.objects.bin.motion.frequency_hz=99",
+                "scene.objects.bin.motion.frequency_hz: 99 is out of range",
+            ),
+            ("scene.objects.bin.motion.kind=conveyer", "scene.objects.bin.motion.kind: unknown variant"),
+            ("scene.object.motion.kind=conveyor", "scene.object.motion: is that of further targets"),
             ("servo.scheme=look_and_move", "targets: several targets do not go with servo.scheme"),
             (
                 "goals.a={position_m=[0,0,0.5],target='bim'}",

@@ -78,7 +78,7 @@ pub(super) fn validate(
     if let Some(why) = raw.camera.source.timing().refusal(raw.run.clock) {
         check.wrong("run.clock", why);
     }
-    let scene_motion = scene_motion::scene_motion(&raw, check);
+    let scene_motion = scene_motion::scene_motion("scene.motion", &raw.scene.motion, check);
     if raw.run.serve && raw.run.task != Task::Servo {
         check.wrong("run.serve", "needs run.task = \"servo\"");
     }
@@ -232,7 +232,7 @@ pub(super) fn validate(
 
     let (servo, set_point) = servo?;
     let mut servo = ServoSettings {
-        X_WO: scene.as_ref().map(|scene| scene.X_WO),
+        X_WO: scene.iter().flat_map(|scene| scene.places().map(|(X_WO, _)| X_WO)).collect(),
         watches_drift: motion.encoder_step.iter().any(|step| *step > 0.0),
         ..servo
     };

@@ -16,6 +16,8 @@
 //!   Moving: from everywhere but Teaching, Stopping, Failing, Fault and Clearing by the requests goto, jog and velocity ─► Held, when the posture is
 //!           reached, or no velocity holds any more
 //! ```
+//! From `Waiting` a way back leads to `Returning` too, for a goal of another target than the one before.
+//!
 //! The arm moves in `Servoing`, under the servo law, in `Returning`, to the posture from which the target was seen last, and in `Moving`, to a posture
 //! or by a velocity that was asked for. In all other states it is at rest, or brakes until it is.
 
@@ -400,7 +402,7 @@ impl State {
                 _ => Stay,
             },
             Cue::WayBack => match self {
-                Holding => To(Returning),
+                Waiting | Holding => To(Returning),
                 _ => Stay,
             },
             Cue::Returned => match self {

@@ -214,6 +214,8 @@ pub enum Event {
     RobotReady,
     /// The robot has not cleared its error although a reset was asked for.
     RobotNotCleared,
+    /// A goal of another target was set, which is not in view and was never seen whole: nobody knows where it is.
+    NeverSeen,
 }
 
 impl Event {
@@ -242,6 +244,7 @@ impl Event {
             Self::VelocityEnded => "velocity_ended",
             Self::RobotReady => "robot_ready",
             Self::RobotNotCleared => "robot_not_cleared",
+            Self::NeverSeen => "never_seen",
         }
     }
 }

@@ -134,7 +134,12 @@ pub fn explain(evidence: &RunEvidence) -> Explanation {
     let mut findings = joints::findings(evidence);
     findings.extend(dynamics::findings(evidence));
     findings.extend(view::findings(evidence));
-    findings.extend(cell::findings(evidence));
+    // Where things were seen, and how far away, is compared with the description of one target.
+    let of_first = (!evidence.config.further_targets.is_empty()).then(|| RunEvidence {
+        measurements: evidence.measurements.rows_of("target_number", 0.0),
+        ..evidence.clone()
+    });
+    findings.extend(cell::findings(of_first.as_ref().unwrap_or(evidence)));
     findings.extend(pace::findings(evidence, !findings.is_empty()));
     findings.sort_by_key(|finding| finding.cause as u8);
     let events = evidence.summary.safety.events.iter().map(|e| (e.time_s, e.event.clone()));

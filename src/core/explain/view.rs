@@ -123,7 +123,9 @@ fn way_out(evidence: &RunEvidence, last: usize) -> Option<&'static str> {
     let table = &evidence.measurements;
     let i = evidence.config.camera.model.intrinsics();
     let (width, height) = (f64::from(i.width_px), f64::from(i.height_px));
-    let ids = evidence.config.target.points().iter().map(|point| point.id + 1);
+    let number = table.number("target_number", last).max(0.0) as usize;
+    let target = evidence.config.targets().nth(number).map(|(_, target)| target.points());
+    let ids = target.into_iter().flatten().map(|point| point.id + 1);
     for id in ids {
         for (axis, size, low, high) in
             [("u", width, "on its left", "on its right"), ("v", height, "at its top", "at its bottom")]

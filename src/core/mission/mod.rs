@@ -57,7 +57,7 @@ use goal_path::TrackingSums;
 use goal_watch::GoalWatch;
 use nalgebra::SVector;
 use requests::MissionChange;
-use residual::{AMBIGUOUS_VIEW, NO_NEARER, ResidualWatch, is_another_pose, why_it_stays};
+use residual::{AMBIGUOUS_VIEW, BEHIND_OBJECT, NO_NEARER, ResidualWatch, is_another_pose, why_it_stays};
 use run_end::{HELD_OFF, LAST_FRAME, LATELY, MOTION_OVER, NO_MORE_FRAMES, RunEnd};
 use std::collections::VecDeque;
 use teaching::GoalTeacher;
@@ -372,7 +372,8 @@ impl<const N: usize> Mission<N> {
         let time = now - self.first.unwrap_or(now);
         let time_is_up = self.plan.duration.is_some_and(|duration| time >= duration);
         let goal_px = self.goal.tolerance_px;
-        let no_nearer = || self.residual.is_no_nearer(goal_px).then_some(NO_NEARER);
+        let behind = if self.plan.follows { BEHIND_OBJECT } else { NO_NEARER };
+        let no_nearer = || self.residual.is_no_nearer(goal_px).then_some(behind);
         let seen = self.measurements.last_found();
         let met_px = (MET_SHARE * self.measurements.error_px()).max(goal_px);
         let why =

@@ -47,6 +47,8 @@ pub struct RunPlan {
     pub path: Option<GoalPath>,
     /// The law, by which an error that stays is judged.
     pub law: Law,
+    /// Whether the law follows the object's own motion.
+    pub follows: bool,
     /// What the points of each target are, for words, by the targets' numbers.
     pub points: Vec<PointKind>,
     /// What a status tells as [`Status::stability`](crate::messages::Status::stability).

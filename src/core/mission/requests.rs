@@ -153,11 +153,10 @@ impl<const N: usize> Mission<N> {
         self.goal_watch.at_goal_s(self.last)
     }
 
-    /// The goal of the first target, also where the present one is of another.
-    #[must_use]
-    pub fn first_set_point(&self) -> &SetPoint {
+    /// The last goal of each target, by the targets' numbers.
+    pub fn set_points(&self) -> impl Iterator<Item = &SetPoint> {
         let present = &self.goal.set_point;
-        self.goals.first().filter(|_| present.target() != 0).unwrap_or(present)
+        self.goals.iter().map(move |goal| if goal.target() == present.target() { present } else { goal })
     }
 
     /// What the points of the goal's target are.

@@ -48,6 +48,12 @@ pub const NO_NEARER: &str = "the arm moves on and the error does not fall: lower
                              the arm are far from its model, its encoders coarser than motion.encoder_step_rad_or_m says, or the object \
                              moves (servo.object.moves)";
 
+/// The same where the law follows the object's own motion.
+pub const BEHIND_OBJECT: &str = "the arm follows the object, and the error does not fall below goal.feature_error_px: what is left comes of motions of the object \
+                                 that its estimate learns too late; set servo.object.acceleration_m_s2 and acceleration_rad_s2 to what the object does, \
+                                 let images come sooner, or allow for the error (goal.feature_error_px). Of an object that rests: lower servo.gain_1_s, or see \
+                                 whether load, friction and delay of the arm are far from its model";
+
 /// Largest share of K_s e_s that motions of the camera still change at a local minimum, and largest share of the feature error
 /// by which what is seen may differ from an image of the target. Chosen, with room on
 /// both sides: a UR5 that creeps into such a minimum at a fifth of its gain is at 0.14 of the first, and at 1e-4 of the second; an arm of four

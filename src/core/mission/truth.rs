@@ -13,25 +13,15 @@ pub struct Truth<const N: usize> {
     pub robot: Robot<N>,
     /// The true mount of the camera.
     pub mount: Mount,
-    /// Where the object is at the first tick, in the frame in which it rests.
-    pub X_WO: Pose,
-    /// The same of the further targets, which rest.
-    pub further_X_WO: Vec<Pose>,
-    /// How it moves from there.
-    pub motion: SceneMotion,
+    /// Where each target is at the first tick, in the frame in which it rests, and how it moves from there, by the targets' numbers.
+    pub objects: Vec<(Pose, SceneMotion)>,
 }
 
 impl<const N: usize> Truth<N> {
-    /// The pose in the camera of the target with this number, 0 being [`Self::X_CO`]'s; `None` where there is none.
+    /// The pose in the camera of an arm with joints at `q` of the target with this number, the given time after the first tick; `None` where there is none.
     #[must_use]
     pub fn X_CT(&self, target: u32, q: &SVector<f64, N>, since: SpanNs) -> Option<Pose> {
-        let Some(further) = (target as usize).checked_sub(1) else { return Some(self.X_CO(q, since)) };
-        Some(self.mount.X_WC(&self.robot.forward(q)).inv_mul(self.further_X_WO.get(further)?))
-    }
-
-    /// The pose of the object in the camera of an arm with joints at `q`, the given time after the first tick.
-    #[must_use]
-    pub fn X_CO(&self, q: &SVector<f64, N>, since: SpanNs) -> Pose {
-        self.mount.X_WC(&self.robot.forward(q)).inv_mul(&self.motion.object_at(&self.X_WO, since))
+        let (X_WO, motion) = self.objects.get(target as usize)?;
+        Some(self.mount.X_WC(&self.robot.forward(q)).inv_mul(&motion.object_at(X_WO, since)))
     }
 }

@@ -75,6 +75,22 @@ impl CsvTable {
         self.column(name).and_then(|column| column.words.get(&row)).map_or("", String::as_str)
     }
 
+    /// The rows in which a column has this number; all where there is no such column.
+    #[must_use]
+    pub fn rows_of(&self, name: &str, number: f64) -> Self {
+        let Some(column) = self.column(name) else { return self.clone() };
+        let kept: Vec<usize> =
+            (0..self.rows).filter(|row| column.numbers.get(*row) == Some(&number)).collect();
+        let of = |column: &Column| Column {
+            numbers: kept.iter().filter_map(|row| column.numbers.get(*row).copied()).collect(),
+            words: (0..)
+                .zip(&kept)
+                .filter_map(|(at, row)| Some((at, column.words.get(row)?.clone())))
+                .collect(),
+        };
+        Self { names: self.names.clone(), columns: self.columns.iter().map(of).collect(), rows: kept.len() }
+    }
+
     /// Two columns as points, without those that are no numbers.
     #[must_use]
     pub fn points(&self, x: &str, y: &str) -> Vec<[f64; 2]> {
@@ -149,6 +165,20 @@ mod tests {
                 // words like inf are numbers
                 prop_assert!(table.word(name, 0) == cell || cell.parse::<f64>().is_ok(), "{line:?}");
             }
+        }
+
+        #[test]
+        fn rows_of_a_number_keep_their_cells(numbers in proptest::collection::vec(0u8..3, 0..20)) {
+            let lines: String = numbers.iter().enumerate().map(|(i, n)| format!("{n},{i},w{i}\n")).collect();
+            let table = CsvTable::parse(&format!("n,i,w\n{lines}"));
+            let kept = table.rows_of("n", 1.0);
+            let wanted: Vec<usize> = (0..numbers.len()).filter(|i| numbers[*i] == 1).collect();
+            prop_assert_eq!(kept.rows(), wanted.len());
+            for (row, i) in wanted.iter().enumerate() {
+                let found = (kept.number("i", row), kept.word("w", row).to_owned());
+                prop_assert_eq!(found, (*i as f64, format!("w{i}")));
+            }
+            prop_assert_eq!(table.rows_of("absent", 1.0).rows(), table.rows());
         }
 
         #[test]

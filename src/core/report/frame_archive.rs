@@ -79,7 +79,8 @@ pub struct FrameArchive {
     /// Frames without the target.
     without: u64,
     frames: u64,
-    was_found: bool,
+    /// Number of the target that was found in the frame before, where one was.
+    found: Option<u32>,
     size_px: (u32, u32),
 }
 
@@ -105,7 +106,7 @@ impl FrameArchive {
             losses: 0,
             without: 0,
             frames: 0,
-            was_found: false,
+            found: None,
             size_px: (width, height),
         }
     }
@@ -135,9 +136,10 @@ impl FrameArchive {
             copy(&self.last, &mut self.first);
         }
         self.frames += 1;
-        let is_loss = self.was_found && !m.found();
+        // A target that is not in view when it is first looked for is not lost.
+        let is_loss = self.found == Some(m.target_number) && !m.found();
         self.without += u64::from(!m.found());
-        self.was_found = m.found();
+        self.found = m.found().then_some(m.target_number);
         if is_loss {
             self.losses += 1;
             if let Some(place) = self.lost.get_mut(self.kept) {
@@ -212,6 +214,21 @@ mod tests {
             csv.contains("frame-lost-000005.png,lost,5,\"no contrast in the frame\",,,,6,3,1\n"),
             "{csv}"
         );
+    }
+
+    #[test]
+    fn another_target_that_is_not_in_view_is_no_loss() {
+        let mut book = FrameArchive::new((4, 2));
+        for (frame_id, target_number, status) in [(0, 0, 0), (1, 1, 1), (2, 1, 0), (3, 1, 1)] {
+            book.note_frame(
+                &FrameHeader { frame_id, width_px: 4, height_px: 2, ..FrameHeader::default() },
+                &[0; 8],
+            );
+            book.note_measurement(&Measurement { frame_id, target_number, status, ..Measurement::default() });
+        }
+        let lost: Vec<_> =
+            book.images().filter(|p| p.why == Keepsake::Lost).map(KeptImage::file_name).collect();
+        assert_eq!((lost, book.without), (vec!["frame-lost-000003.png".to_owned()], 2));
     }
 
     #[test]

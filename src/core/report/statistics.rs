@@ -214,6 +214,9 @@ pub fn describe(event: Event) -> String {
         }
         Event::GoalLeft => "the goal that was reached is not met any more",
         Event::Returning => "the arm goes back to where it saw the whole target last",
+        Event::NeverSeen => {
+            "the target of the goal is not in view and was never seen whole in this run: bring the arm to where it is, by `vservo ctl goto`, `goto` of a program or [postures]"
+        }
         Event::MotionOver => "the motion that was asked for is over",
         Event::GainReduced => "the arm moves about its goal and gets no nearer: gain and learning go down",
         Event::ImpossiblePose => {

@@ -126,7 +126,7 @@ impl Renderer {
     /// that one, it lies under it all the same.
     #[must_use]
     pub fn with_further_targets<'a>(mut self, further: impl IntoIterator<Item = (&'a Target, Pose)>) -> Self {
-        self.scenery.add_targets(further);
+        self.scenery.set_targets(further);
         self
     }
 
@@ -142,18 +142,34 @@ impl Renderer {
     ///
     /// Allocates only when a call brings more poses than any call before.
     pub fn render(&mut self, X_CO_over_exposure: &[Pose], frame_id: u64, out: &mut [u8]) {
-        self.render_light(X_CO_over_exposure, frame_id, out);
+        self.render_moving(X_CO_over_exposure, &[], frame_id, out);
+    }
+
+    /// The same with further targets that move: at each pose of the exposure those of all of them in the frame of the first one, one after the other.
+    pub fn render_moving(
+        &mut self,
+        X_CO_over_exposure: &[Pose],
+        X_OT: &[Pose],
+        frame_id: u64,
+        out: &mut [u8],
+    ) {
+        self.render_light((X_CO_over_exposure, X_OT), frame_id, out);
         if let Some(bent) = &self.bent {
             bent.apply(out);
         }
     }
 
     /// Renders levels that are proportional to light: those before the camera's response.
-    fn render_light(&mut self, X_CO_over_exposure: &[Pose], frame_id: u64, out: &mut [u8]) {
+    fn render_light(
+        &mut self,
+        (X_CO_over_exposure, X_OT): (&[Pose], &[Pose]),
+        frame_id: u64,
+        out: &mut [u8],
+    ) {
         let i = self.camera.intrinsics();
         let (width, height) = (i.width_px as usize, i.height_px as usize);
         if !self.scenery.is_simple(X_CO_over_exposure) {
-            self.scenery.set(X_CO_over_exposure, &self.camera);
+            self.scenery.set(X_CO_over_exposure, X_OT, &self.camera);
             self.fill_layers(X_CO_over_exposure.len(), frame_id, out);
             return;
         }

@@ -41,6 +41,8 @@ pub(super) struct Scenery {
     backdrop: Backdrop,
     clutter: Vec<PaintedPlane>,
     bystanders: Vec<PaintedPlane>,
+    /// Sheets of further targets, each with the number of its target, from 0, and its own pose in that one's frame.
+    further: Vec<(usize, Pose, PaintedPlane)>,
     target: Vec<PaintedPlane>,
     occluders: Vec<PaintedPlane>,
     kernel: PixelKernel,
@@ -65,6 +67,7 @@ impl Scenery {
             backdrop: Backdrop::default(),
             clutter: Vec::new(),
             bystanders: Vec::new(),
+            further: Vec::new(),
             target: sheets(target, Pose::identity(), look),
             occluders: Vec::new(),
             ink: Ink::new(camera.intrinsics().width_px as usize, &kernel),
@@ -91,10 +94,24 @@ impl Scenery {
         self.bystanders = bystanders.iter().flat_map(of).collect();
     }
 
-    /// Adds further targets, each with its pose in the frame of the one that is looked for first.
-    pub(super) fn add_targets<'a>(&mut self, further: impl IntoIterator<Item = (&'a Target, Pose)>) {
-        let drawn = further.into_iter().flat_map(|(target, X_OT)| sheets(target, X_OT, &self.look));
-        self.bystanders.extend(drawn);
+    /// Sets further targets, each with its pose in the frame of the one that is looked for first.
+    pub(super) fn set_targets<'a>(&mut self, further: impl IntoIterator<Item = (&'a Target, Pose)>) {
+        let drawn = further.into_iter().enumerate().flat_map(|(number, (target, X_OT))| {
+            let sheets = sheets(target, Pose::identity(), &self.look);
+            sheets
+                .into_iter()
+                .map(move |sheet| (number, sheet.X_OS, PaintedPlane { X_OS: X_OT * sheet.X_OS, ..sheet }))
+        });
+        self.further = drawn.collect();
+    }
+
+    /// Places the further targets at `X_OT`, in the order in which they were set; those without a pose stay.
+    fn place(&mut self, X_OT: &[Pose]) {
+        for (number, X_TS, sheet) in &mut self.further {
+            if let Some(X_OT) = X_OT.get(*number) {
+                sheet.X_OS = X_OT * *X_TS;
+            }
+        }
     }
 
     pub(super) fn occlude(&mut self, occluders: impl Iterator<Item = Occluder>) {
@@ -132,19 +149,24 @@ impl Scenery {
         self.dots
             && self.simple_front
             && self.bystanders.is_empty()
+            && self.further.is_empty()
             && self.clutter.is_empty()
             && self.backdrop.texture_levels == 0.0
     }
 
-    /// Sets the images up for the poses of an exposure.
-    pub(super) fn set(&mut self, X_CO_over_exposure: &[Pose], camera: &CameraModel) {
+    /// Sets the images up for the poses of an exposure; `X_OT` are those of the further targets at each of them, one after the other, or none where they rest.
+    pub(super) fn set(&mut self, X_CO_over_exposure: &[Pose], X_OT: &[Pose], camera: &CameraModel) {
         self.count = X_CO_over_exposure.len();
         while self.views.len() < self.count {
             self.views.push(Layers::new(&self.camera, &self.kernel));
         }
-        let all = [&self.clutter, &self.bystanders, &self.target, &self.occluders];
-        for (layers, X_CO) in self.views.iter_mut().zip(X_CO_over_exposure) {
-            layers.set(X_CO, camera, all.into_iter().flatten());
+        let each = X_OT.len() / self.count.max(1);
+        for (i, X_CO) in X_CO_over_exposure.iter().enumerate() {
+            self.place(X_OT.get(i * each..(i + 1) * each).unwrap_or_default());
+            let further = self.further.iter().map(|(_, _, sheet)| sheet);
+            let below = self.clutter.iter().chain(&self.bystanders).chain(further);
+            let Some(layers) = self.views.get_mut(i) else { break };
+            layers.set(X_CO, camera, below.chain(&self.target).chain(&self.occluders));
         }
         if let Some(X_CO) = X_CO_over_exposure.get(self.count / 2) {
             self.texture.set(X_CO);

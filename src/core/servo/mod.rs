@@ -116,4 +116,4 @@ pub use stability::{Margins, Stability, StabilityMargin, error_motion, felt_shar
 pub use unobserved_motion::UnobservedMotion;
 pub use view::View;
 pub use visibility::VisibilityGuard;
-pub use visual_servo::VisualServo;
+pub use visual_servo::{MAX_TARGETS, VisualServo};

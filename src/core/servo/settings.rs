@@ -27,8 +27,9 @@ pub struct ServoSettings {
     pub update: UpdatePolicy,
     /// Where the camera is mounted: eye-in-hand or eye-to-hand.
     pub mount: Mount,
-    /// True pose of the object in the frame W in which it rests, where a simulation has it; used for [`DepthSource::Known`](super::DepthSource::Known) alone.
-    pub X_WO: Option<Pose>,
+    /// True poses of the targets in the frame W in which they rest, by the targets' numbers, where a simulation has them; used for
+    /// [`DepthSource::Known`](super::DepthSource::Known) alone.
+    pub X_WO: Vec<Pose>,
     /// Smooth start: rate at which the first velocity is faded in, 1/s; `None` applies it at once.
     pub smooth_start_1_s: Option<f64>,
     /// Speed of the camera in its first motion, until the image was seen to move as it should, m/s; `None` for no bound.
@@ -65,7 +66,7 @@ impl ServoSettings {
             law,
             update,
             mount,
-            X_WO: None,
+            X_WO: Vec::new(),
             smooth_start_1_s: None,
             first_motion_m_s: None,
             limit_avoidance_1_s: None,

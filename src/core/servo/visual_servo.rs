@@ -29,6 +29,8 @@ use crate::time::{MonoNs, SpanNs};
 use covariance::{covariance_in, stated_covariance};
 use frozen_image::has_noise;
 use nalgebra::{Matrix6, SVector, Vector6};
+pub use target_change::MAX_TARGETS;
+use target_change::MISSES;
 
 /// How far an exposure stamp may lie in the future, since some drivers stamp the planned end of a frame: a period of 20 Hz. Half and twice of it
 /// change no unit test.
@@ -82,8 +84,10 @@ pub struct VisualServo<const N: usize> {
     whole: Option<LastMeasurement>,
     /// The depths that the first measurement with a pose gave; kept over goals, stops and losses of the target.
     initial: Option<DepthRow>,
-    /// The arm's posture at the exposure of the last complete measurement, rad or m.
-    q_whole: Option<SVector<f64, N>>,
+    /// The arm's posture at the exposure of the last complete measurement of each target, by the targets' numbers, rad or m.
+    q_whole: [Option<SVector<f64, N>>; MAX_TARGETS],
+    /// Of a goal of another target than the one before, until a measurement of it is used: how many showed none.
+    sought: Option<u32>,
     held: Option<LawAnswer<N>>,
     fresh: bool,
     /// First requested velocity, and when: a smooth start subtracts its fading part.
@@ -118,7 +122,8 @@ impl<const N: usize> VisualServo<N> {
             last: None,
             whole: None,
             initial: None,
-            q_whole: None,
+            q_whole: [None; MAX_TARGETS],
+            sought: None,
             held: None,
             fresh: false,
             start: None,
@@ -213,10 +218,22 @@ impl<const N: usize> VisualServo<N> {
         measurement: &Measurement,
         robot: &Robot<N>,
     ) -> MeasurementVerdict {
-        let exposure = measurement.exposure;
         if measurement.target_number != self.goal.target() {
             return MeasurementVerdict::OtherTarget;
         }
+        let verdict = self.add_of_target(now, measurement, robot);
+        self.note_sought(verdict);
+        verdict
+    }
+
+    /// The same of a measurement of the goal's target.
+    fn add_of_target(
+        &mut self,
+        now: MonoNs,
+        measurement: &Measurement,
+        robot: &Robot<N>,
+    ) -> MeasurementVerdict {
+        let exposure = measurement.exposure;
         if measurement.target_status() == TargetStatus::Inconsistent {
             return MeasurementVerdict::Inconsistent;
         }
@@ -263,7 +280,8 @@ impl<const N: usize> VisualServo<N> {
             return MeasurementVerdict::TooFewFeatures;
         };
         let initial = self.initial.or_else(|| view.X_CO().map(DepthRow::of));
-        let view = view.with_known(self.settings.X_WO.map(|X_WO| X_WC.inv_mul(&X_WO))).with_initial(initial);
+        let known = self.settings.X_WO.get(self.goal.target() as usize).map(|X_WO| X_WC.inv_mul(X_WO));
+        let view = view.with_known(known).with_initial(initial);
         let task = match self.settings.law.task(&self.goal, &view) {
             Ok(task) => task,
             Err(why) => return MeasurementVerdict::NoTask(why),
@@ -272,7 +290,7 @@ impl<const N: usize> VisualServo<N> {
             object.observe(exposure, &(X_WC * X_CO), &covariance_in(&X_WC, &covariance));
         }
         if !partial {
-            self.q_whole = Some(q);
+            self.seen_whole_at(&q);
         }
         self.first_motion.note(&X_WC);
         if self.object.is_none() && !supposed {
@@ -372,12 +390,15 @@ impl<const N: usize> VisualServo<N> {
         self.object.as_ref().map_or(1.0, |object| object.confidence(now + self.settings.lead))
     }
 
-    /// Return to the posture of the last complete measurement, for an arm at `q` that has lost the target and holds: the joint
+    /// Return to the posture of the last complete measurement of the goal's target, for an arm at `q` that has lost it and holds: the joint
     /// velocity, rad/s or m/s, and how it leads there. `None` where it is not enabled
-    /// ([`ServoSettings::returns`]), there was no complete measurement, or the arm has arrived.
+    /// ([`ServoSettings::returns`]), there was no complete measurement, the arm has arrived, or it is not known yet whether another target is in view.
     #[must_use]
     pub fn way_back(&self, q: &SVector<f64, N>) -> Option<(SVector<f64, N>, Convergence<N>)> {
-        let remaining = self.q_whole.filter(|_| self.settings.returns)? - q;
+        if self.sought.is_some_and(|misses| misses < MISSES) {
+            return None;
+        }
+        let remaining = self.posture_seen_whole().filter(|_| self.settings.returns)? - q;
         let is_finite = remaining.iter().all(|x| x.is_finite());
         (is_finite && remaining.amax() > RETURNED)
             .then(|| (remaining * RETURN_RATE_1_S, Convergence::at(RETURN_RATE_1_S)))

@@ -7,6 +7,7 @@ use crate::process::report_folder::{GOAL, MEASUREMENTS, POSES, TRACE};
 use crate::process::{Membership, ProcessError, ReportFolder};
 use crate::report::history::{PostureFacts, RunHistory};
 use crate::robot::Mount;
+use crate::servo::SetPoint;
 use crate::time::SpanNs;
 use nalgebra::{DMatrix, SMatrix, SVector, Vector3};
 use std::fmt::Write;
@@ -18,11 +19,11 @@ const MARGIN: SpanNs = SpanNs(2_000_000_000);
 
 /// Room for the history of a run.
 pub(super) fn history<const N: usize>(config: &Config, mission: &Mission<N>) -> RunHistory {
-    let set_point = mission.first_set_point();
+    let ids: Vec<&[u32]> = mission.set_points().map(SetPoint::ids).collect();
     let plays_once = matches!(config.camera.source, Source::Replay { repeat: false, .. });
     let has_end = !config.serve && !plays_once;
     let longest = if has_end { SpanNs(config.duration.0.saturating_add(MARGIN.0)) } else { SpanNs(i64::MAX) };
-    RunHistory::new(N, set_point.ids(), longest, config.camera.rate_hz)
+    RunHistory::new(N, &ids, longest, config.camera.rate_hz)
 }
 
 /// Writes all files. A failure is reported and changes nothing: the run is over, and the arm is at rest.
@@ -88,22 +89,24 @@ fn camera(mount: &Mount, X_BE: &Pose) -> Pose {
     }
 }
 
-/// Where each point of the target is to be in the image.
+/// Where each point of each target is to be in the image, by its last goal.
 fn goal<const N: usize>(config: &Config, run: &LockstepRun<N>) -> String {
-    let set_point = run.mission.first_set_point();
-    let mut out = String::from("point,u_px,v_px\n");
-    for (id, s) in set_point.ids().iter().zip(set_point.features()) {
-        let px = config.camera.model.pixel_of(s);
-        let _ = writeln!(out, "{},{:.3},{:.3}", id + 1, px.x, px.y); // a String takes everything
+    let mut out = String::from("point,u_px,v_px,target_number\n");
+    for set_point in run.mission.set_points() {
+        for (id, s) in set_point.ids().iter().zip(set_point.features()) {
+            let px = config.camera.model.pixel_of(s);
+            // a String takes everything
+            let _ = writeln!(out, "{},{:.3},{:.3},{}", id + 1, px.x, px.y, set_point.target());
+        }
     }
     out
 }
 
-/// Frames of the cell in B at the first tick and at the last, and the origins of the joints' frames. Without an arm that moves the
-/// camera: the desired camera in the frame of the object.
+/// Frames of the cell in B at the first tick and at the last, and the origins of the joints' frames: O and D of the first target, `O1`, `D1` and so on of the
+/// further ones, and each O as it is seen from its D (`O_in_D`). Without an arm that moves the camera: the desired camera in the frame of the object.
 fn poses<const N: usize>(config: &Config, run: &LockstepRun<N>, history: &RunHistory) -> String {
     let mut out = String::from("frame,x_m,y_m,z_m,qx,qy,qz,qw\n");
-    let X_DO = run.mission.first_set_point().X_DO().copied();
+    let X_DO = run.mission.set_points().next().and_then(|goal| goal.X_DO().copied());
     if !config.has_an_arm() {
         pose(&mut out, "O", &Pose::identity());
         if let Some(X_DO) = X_DO {
@@ -114,7 +117,7 @@ fn poses<const N: usize>(config: &Config, run: &LockstepRun<N>, history: &RunHis
     let Some((first, last, span)) = history.ends() else { return out };
     pose(&mut out, "B", &Pose::identity());
     let robot = &run.controller().arm().robot;
-    let mut object = None;
+    let mut objects = Vec::new();
     for (when, q, at) in [("start", first, SpanNs::ZERO), ("end", last, span)] {
         let q = joints(q);
         let X_BE = robot.forward(&q);
@@ -124,20 +127,38 @@ fn poses<const N: usize>(config: &Config, run: &LockstepRun<N>, history: &RunHis
         for (i, p) in robot.joint_origins(&q).into_iter().enumerate() {
             pose(&mut out, &format!("joint_{}_{when}", i + 1), &place(p));
         }
-        object = match (&config.scene, config.camera.mount) {
-            (Some(scene), Mount::EyeInHand { .. }) => Some(scene.motion.object_at(&scene.X_WO, at)),
-            (Some(scene), Mount::EyeToHand { .. }) => Some(X_BE * scene.motion.object_at(&scene.X_WO, at)),
-            // As the last measurement has it, of an arm that rests by then.
-            (None, _) => history.last_pose().filter(|_| when == "end").map(|X_CO| X_BC * X_CO),
+        let object = |number: u32| {
+            let X_WO = config.scene.as_ref().map(|scene| {
+                scene.places().nth(number as usize).map(|(X_WO, motion)| motion.object_at(&X_WO, at))
+            });
+            match (X_WO, config.camera.mount) {
+                (Some(X_WO), Mount::EyeInHand { .. }) => X_WO,
+                (Some(X_WO), Mount::EyeToHand { .. }) => X_WO.map(|X_WO| X_BE * X_WO),
+                // As the last measurement has it, of an arm that rests by then; what was looked for before was seen from elsewhere.
+                (None, _) => history.last_pose(number).filter(|_| when == "end").map(|X_CO| X_BC * X_CO),
+            }
         };
-        if let Some(X_BO) = &object {
-            pose(&mut out, &format!("O_{when}"), X_BO);
+        objects = run.mission.set_points().map(|goal| (goal, object(goal.target()))).collect();
+        for (goal, X_BO) in &objects {
+            if let Some(X_BO) = X_BO {
+                pose(&mut out, &format!("O{}_{when}", suffix(goal)), X_BO);
+            }
         }
     }
-    if let (Some(X_BO), Some(X_DO)) = (object, X_DO) {
-        pose(&mut out, "D", &(X_BO * X_DO.inverse()));
+    for (goal, X_BO) in objects {
+        if let (Some(X_BO), Some(X_DO)) = (X_BO, goal.X_DO()) {
+            pose(&mut out, &format!("D{}", suffix(goal)), &(X_BO * X_DO.inverse()));
+        }
+        if let Some(X_DO) = goal.X_DO() {
+            pose(&mut out, &format!("O{}_in_D", suffix(goal)), X_DO);
+        }
     }
     out
+}
+
+/// What the frames of the target of `goal` end with: its number, of the first one nothing.
+fn suffix(goal: &SetPoint) -> String {
+    if goal.target() == 0 { String::new() } else { goal.target().to_string() }
 }
 
 fn place(p: Vector3<f64>) -> Pose {

@@ -1,7 +1,7 @@
-//! How the target of a simulated scene moves: `[scene.motion]`.
+//! How the targets of a simulated scene move: `[scene.motion]`, `[scene.objects.NAME.motion]`.
 
 use super::super::check::Validation;
-use super::super::raw::{RawConfig, SceneMotionKind};
+use super::super::raw::{RawSceneMotion, SceneMotionKind};
 use crate::scene::SceneMotion;
 use crate::time::SpanNs;
 use nalgebra::{UnitVector3, Vector3};
@@ -9,8 +9,8 @@ use nalgebra::{UnitVector3, Vector3};
 /// Largest cosine between axis and radius of a circle: rounding of numbers that are written with three digits.
 const SQUARE: f64 = 1e-3;
 
-pub(super) fn scene_motion(raw: &RawConfig, check: &mut Validation<'_>) -> SceneMotion {
-    let motion = &raw.scene.motion;
+/// The motion that the table at `at_key` says.
+pub(super) fn scene_motion(at_key: &str, motion: &RawSceneMotion, check: &mut Validation<'_>) -> SceneMotion {
     for (key, list) in [
         ("velocity_m_s", &motion.velocity_m_s),
         ("amplitude_m", &motion.amplitude_m),
@@ -19,14 +19,14 @@ pub(super) fn scene_motion(raw: &RawConfig, check: &mut Validation<'_>) -> Scene
         ("displacement_m", &motion.displacement_m),
     ] {
         for (i, v) in list.iter().enumerate() {
-            check.range(&format!("scene.motion.{key}[{i}]"), *v, -10.0..=10.0);
+            check.range(&format!("{at_key}.{key}[{i}]"), *v, -10.0..=10.0);
         }
     }
-    let frequency_hz = check.range("scene.motion.frequency_hz", motion.frequency_hz, 0.0..=10.0);
+    let frequency_hz = check.range(&format!("{at_key}.frequency_hz"), motion.frequency_hz, 0.0..=10.0);
     // A tick at least, and no longer than any run.
     let [moving, resting, at] =
         [("moving_s", motion.moving_s), ("resting_s", motion.resting_s), ("at_s", motion.at_s)]
-            .map(|(key, s)| SpanNs::from_s(check.range(&format!("scene.motion.{key}"), s, 1e-3..=1e5)));
+            .map(|(key, s)| SpanNs::from_s(check.range(&format!("{at_key}.{key}"), s, 1e-3..=1e5)));
     match motion.kind {
         SceneMotionKind::Still => SceneMotion::Still,
         SceneMotionKind::Conveyor => SceneMotion::Conveyor { velocity_m_s: motion.velocity_m_s.into() },
@@ -38,8 +38,10 @@ pub(super) fn scene_motion(raw: &RawConfig, check: &mut Validation<'_>) -> Scene
             let axis = UnitVector3::try_new(motion.axis.into(), 0.0);
             let square = axis.filter(|axis| axis.dot(&radius_m).abs() <= SQUARE * radius_m.norm());
             if square.is_none() {
-                let message = "must not be zero, and at right angles to scene.motion.radius_m, which leads from the target to the centre";
-                check.wrong("scene.motion.axis", message);
+                let message = format!(
+                    "must not be zero, and at right angles to {at_key}.radius_m, which leads from the target to the centre"
+                );
+                check.wrong(&format!("{at_key}.axis"), message);
             }
             SceneMotion::Circle { radius_m, axis: square.unwrap_or_else(Vector3::z_axis), frequency_hz }
         }

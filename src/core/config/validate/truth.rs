@@ -3,12 +3,14 @@
 //! The numbers here are ranges wider than any use, chosen, so that a slip of the pen is reported; `tests/cores/plausible_numbers.rs` tries their ends.
 
 use super::lens;
+use super::scene_motion::scene_motion;
 use crate::camera_model::{CameraModel, Intrinsics, Lens};
 use crate::config::check::{Validation, pose};
-use crate::config::raw::{DriveKind, MountKind, RawBackdrop, RawBystander, RawConfig, RawOccluder, RawScene};
+use crate::config::raw::{
+    DriveKind, MountKind, RawBackdrop, RawBystander, RawConfig, RawOccluder, RawScene, RawSceneMotion,
+};
 use crate::config::target::{LENGTH_M, RawTarget, made};
-use crate::config::{Camera, FurtherTarget, Scene};
-use crate::geometry::Pose;
+use crate::config::{Camera, FurtherTarget, Scene, SceneObject};
 use crate::robot::{self, Mount, RobotDescription};
 use crate::scene::{Backdrop, Bystander, Occluder, SceneLook, SceneMotion};
 use crate::target::{Kind, Target};
@@ -58,12 +60,12 @@ pub(super) fn scene(
     })
 }
 
-/// Where the further targets are, each beside its target.
+/// Where the further targets are and how they move, each beside its target.
 fn further_objects(
     raw: &RawConfig,
     further: Option<&[FurtherTarget]>,
     check: &mut Validation<'_>,
-) -> Option<Vec<(Target, Pose)>> {
+) -> Option<Vec<SceneObject>> {
     let before = check.count_problems();
     let mut poses = std::collections::BTreeMap::new();
     for (name, object) in &raw.scene.objects {
@@ -71,12 +73,25 @@ fn further_objects(
         if object.on != raw.scene.object.on {
             check.wrong(&format!("{key}.on"), "must be that of scene.object");
         }
-        poses.insert(name.as_str(), check.pose(&key, object.position_m, object.rotation_rpy_rad));
+        let X_WO = check.pose(&key, object.position_m, object.rotation_rpy_rad);
+        let still = RawSceneMotion::default();
+        let motion = scene_motion(&format!("{key}.motion"), object.motion.as_ref().unwrap_or(&still), check);
+        poses.insert(name.as_str(), (X_WO, motion));
+    }
+    if raw.scene.object.motion.is_some() {
+        check.wrong(
+            "scene.object.motion",
+            "is that of further targets ([scene.objects.NAME.motion]): this one moves as [scene.motion] says",
+        );
     }
     if check.count_problems() > before {
         return None;
     }
-    further?.iter().map(|of| Some((of.target.clone(), *poses.get(of.name.as_str())?))).collect()
+    let object = |of: &FurtherTarget| {
+        let (X_WO, motion) = *poses.get(of.name.as_str())?;
+        Some(SceneObject { target: of.target.clone(), X_WO, motion })
+    };
+    further?.iter().map(object).collect()
 }
 
 fn true_lens(raw: &RawConfig, camera: Option<&Camera>, check: &mut Validation<'_>) -> Option<CameraModel> {

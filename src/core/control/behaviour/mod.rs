@@ -25,7 +25,7 @@ pub use excitation::Excitation;
 pub use posture_motion::PostureMotion;
 pub use servoing::Servoing;
 pub use velocity_motion::VelocityMotion;
-pub use waypoints::Waypoints;
+pub use waypoints::{LIMIT_SHARE, Waypoints};
 
 use crate::drive::DriveState;
 use crate::messages::Measurement;

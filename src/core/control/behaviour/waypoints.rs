@@ -11,7 +11,7 @@ use nalgebra::SVector;
 
 /// Share of a joint's limits on velocity, acceleration and jerk that the motion uses. Chosen by hand, so that the reference, which may
 /// use all of them, never cuts the motion. Twice the share halves the time of long legs.
-const LIMIT_SHARE: f64 = 0.25;
+pub const LIMIT_SHARE: f64 = 0.25;
 /// Largest velocity, acceleration and jerk of s(u), which follows from its derivatives: `s'(1/2) = 15/8`,
 /// `s''((3 - sqrt 3) / 6) = 10 / sqrt 3`, `s'''(0) = 60`.
 const PEAKS: [f64; 3] = [1.875, 5.7735, 60.0];

@@ -14,6 +14,7 @@ mod contact;
 mod measurements;
 mod motion;
 mod orders;
+mod returning;
 mod sensing;
 mod settings;
 mod space;
@@ -36,6 +37,7 @@ use crate::time::{MonoNs, SpanNs};
 use contact::WayBack;
 use motion::TickMotion;
 use nalgebra::{SVector, Vector6};
+use returning::ReturnWatch;
 
 /// A reference that is this near to the measured arm (rad or m; rad/s or m/s) is not reset to it. Chosen by hand: four steps of the
 /// coarsest encoders that are tested, and a velocity that the joint controller corrects within the limits.
@@ -80,8 +82,7 @@ pub struct Controller<const N: usize> {
     mode: CommandMode,
     reference: Reference<N>,
     state: State,
-    /// Whether the arm has already returned after this loss of the view.
-    has_returned: bool,
+    returning: ReturnWatch,
     fault: Option<Fault>,
     /// A fault from outside that the next step takes in.
     failure: Option<Fault>,
@@ -148,7 +149,7 @@ impl<const N: usize> Controller<N> {
             max_tracking_error: settings.max_tracking_error,
             obeys: settings.obeys,
             state: State::Idle,
-            has_returned: false,
+            returning: ReturnWatch::default(),
             fault: None,
             failure: None,
             watch: ArmWatch::default(),
@@ -251,7 +252,7 @@ impl<const N: usize> Controller<N> {
             (Some(_), State::Returning, Some((qd, convergence))) => {
                 // The way back follows the arm's earlier postures and needs no view.
                 confidence = 1.0;
-                MotionCommand::Velocity(qd, convergence)
+                MotionCommand::Velocity(self.pace_of_return(qd), convergence)
             }
             (Some(state), State::Moving, _) => self.motion_asked_for(now, state),
             (Some(_), ..) => self.motion_back(now),
@@ -311,12 +312,7 @@ impl<const N: usize> Controller<N> {
             self.cue(Cue::AtRest);
         }
         self.cue(if confidence > 0.0 && state.is_some() { Cue::InView } else { Cue::OutOfView });
-        // Only one return for each loss of the view: noise about the end of the way back must not start another one.
-        self.cue(if way_back && !self.has_returned { Cue::WayBack } else { Cue::Returned });
-        self.has_returned = match self.state {
-            State::Holding => self.has_returned || before == State::Returning,
-            _ => false,
-        };
+        self.note_way_back(now, before, way_back);
         if self.state == State::Moving {
             if self.posture.is_over(&self.reference.state().q) {
                 self.cue(Cue::Arrived);
@@ -329,6 +325,7 @@ impl<const N: usize> Controller<N> {
             self.velocity.end();
         }
         let begins = (self.state == State::Servoing && before != State::Servoing)
+            || (self.state == State::Returning && before == State::Waiting)
             || self.posture.is_new()
             || self.velocity.is_new();
         if let Some(state) = state.filter(|_| begins) {
@@ -349,7 +346,7 @@ impl<const N: usize> Controller<N> {
             let event = match (self.state, next) {
                 (_, State::Failing) => self.fault.map(Event::Fault),
                 (State::Servoing, State::Holding) => Some(Event::Holding),
-                (State::Holding, State::Returning) => Some(Event::Returning),
+                (State::Holding | State::Waiting, State::Returning) => Some(Event::Returning),
                 (State::Holding | State::Returning, State::Servoing) => Some(Event::Resumed),
                 (State::Teaching, State::Held) => Some(Event::Taught),
                 (State::Moving, State::Held) if cue == Cue::Arrived => Some(Event::Arrived),

@@ -33,7 +33,7 @@ const CUES: [Cue; 23] = [
 const TABLE: &str = "
           start     hold      teach     reset     stop      shutdown  goal      goto      jog       set       velocity  in_view   no_view   way_back  returned  taught    arrived   silent    at_rest   failed    clears    ready     stays
 Idle      Waiting   NOSTART   Teaching  NOFAULT   .         Stopping  .         Moving    Moving    .         Moving    .         .         .         .         .         .         .         .         Failing   .         .         .
-Waiting   STARTED   Held      Teaching  NOFAULT   Stopping  Stopping  .         Moving    Moving    .         Moving    Servoing  .         .         .         .         .         .         .         Failing   .         .         .
+Waiting   STARTED   Held      Teaching  NOFAULT   Stopping  Stopping  .         Moving    Moving    .         Moving    Servoing  .         Returning .         .         .         .         .         Failing   .         .         .
 Teaching  TEACHING  Held      .         NOFAULT   Stopping  Stopping  TEACHING  TEACHING  TEACHING  .         TEACHING  .         .         .         .         Held      .         .         .         Failing   .         .         .
 Servoing  STARTED   Held      Teaching  NOFAULT   Stopping  Stopping  .         Moving    Moving    .         Moving    .         Holding   .         .         .         .         .         .         Failing   .         .         .
 Holding   STARTED   Held      Teaching  NOFAULT   Stopping  Stopping  .         Moving    Moving    .         Moving    Servoing  .         Returning .         .         .         .         .         Failing   .         .         .

@@ -95,7 +95,7 @@ pub fn event_words(events: u32) -> impl Iterator<Item = &'static str> {
 }
 
 /// [`Event::as_str`] by [`event_number`].
-const EVENT_WORDS: [&str; 21] = [
+const EVENT_WORDS: [&str; 22] = [
     "holding",
     "resumed",
     "stopping",
@@ -117,6 +117,7 @@ const EVENT_WORDS: [&str; 21] = [
     "robot_ready",
     "robot_not_cleared",
     "velocity_ended",
+    "never_seen",
 ];
 
 fn event_number(event: Event) -> u32 {
@@ -142,6 +143,7 @@ fn event_number(event: Event) -> u32 {
         Event::RobotReady => 18,
         Event::RobotNotCleared => 19,
         Event::VelocityEnded => 20,
+        Event::NeverSeen => 21,
     }
 }
 
@@ -175,6 +177,7 @@ mod tests {
             RobotReady,
             RobotNotCleared,
             VelocityEnded,
+            NeverSeen,
         ];
         for event in all {
             let words: Vec<_> = event_words(1 << event_number(event)).collect();

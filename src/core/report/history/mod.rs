@@ -32,8 +32,10 @@ const MAX_UNDER_WAY: usize = 64;
 #[derive(Debug, Clone)]
 pub struct RunHistory {
     joints: usize,
-    /// Ids of the target's points, rising: a column each.
-    ids: Vec<u32>,
+    /// Ids of the points of each target, rising, by the targets' numbers.
+    targets: Vec<Vec<u32>>,
+    /// Most points of a target: as many have a place in each row of [`Self::px`], in the order of the ids of the row's target.
+    points: usize,
     ticks: Thinned<TickRow>,
     measurements: Thinned<DetectionRow>,
     /// `u, v` of each measurement's points, px; NaN for one that was not seen.
@@ -133,20 +135,22 @@ struct RowOutcome {
 }
 
 impl RunHistory {
-    /// For an arm of so many joints, a target with points of these ids, a run of at most `longest` and a camera of `rate_hz`.
+    /// For an arm of so many joints, targets with points of these ids by their numbers, a run of at most `longest` and a camera of `rate_hz`.
     #[must_use]
-    pub fn new(joints: usize, ids: &[u32], longest: SpanNs, rate_hz: f64) -> Self {
+    pub fn new(joints: usize, targets: &[&[u32]], longest: SpanNs, rate_hz: f64) -> Self {
         let within = |rate_hz: f64, most: usize| {
             let rows = longest.as_s().max(0.0) * rate_hz + 64.0;
             if rows < most as f64 { rows as usize } else { most }
         };
         let measurements = Thinned::new(within(rate_hz, MAX_MEASUREMENTS));
+        let points = targets.iter().map(|ids| ids.len()).max().unwrap_or(0);
         Self {
             joints: joints.min(MAX_JOINTS),
-            ids: ids.to_vec(),
+            targets: targets.iter().map(|ids| ids.to_vec()).collect(),
+            points,
             ticks: Thinned::new(within(1e3, MAX_TICKS)),
-            px: Vec::with_capacity(measurements.most * 2 * ids.len()),
-            last_px: Vec::with_capacity(2 * ids.len()),
+            px: Vec::with_capacity(measurements.most * 2 * points),
+            last_px: Vec::with_capacity(2 * points),
             measurements,
             first: None,
         }
@@ -154,15 +158,13 @@ impl RunHistory {
 
     /// Takes a measurement in as it comes.
     pub fn note_measurement(&mut self, m: &Measurement) {
-        // The figures are those of the first target: points and poses of others are left out.
-        let is_first = m.target_number == 0;
         let kept = self.measurements.push(DetectionRow {
             frame_id: m.frame_id,
             camera: m.camera,
             target_number: m.target_number,
             exposure: m.exposure,
             status: m.status,
-            flags: if is_first { m.flags } else { m.flags & !measurement_flag::POSE },
+            flags: m.flags,
             count: m.feature_count,
             pose: m.pose,
             rms_px: m.reprojection_rms_px as f32,
@@ -171,7 +173,7 @@ impl RunHistory {
             verdict: None,
             latency: None,
         });
-        let width = 2 * self.ids.len();
+        let width = 2 * self.points;
         if kept.halved && width > 0 {
             let mut i = 0;
             self.px.retain(|_| {
@@ -180,11 +182,12 @@ impl RunHistory {
             });
         }
         self.last_px.clear();
-        for id in &self.ids {
-            let seen = m.features().iter().find(|f| is_first && f.id == u64::from(*id));
+        for id in self.targets.get(m.target_number as usize).into_iter().flatten() {
+            let seen = m.features().iter().find(|f| f.id == u64::from(*id));
             let (u, v) = seen.map_or((f32::NAN, f32::NAN), |f| (f.u_px as f32, f.v_px as f32));
             self.last_px.extend([u, v]);
         }
+        self.last_px.resize(width, f32::NAN);
         if kept.pushed {
             self.px.extend_from_slice(&self.last_px);
         }
@@ -238,11 +241,12 @@ impl RunHistory {
         Some((first.q.get(..self.joints)?, last.q.get(..self.joints)?, last.time - first.time))
     }
 
-    /// The pose `X_CO` of the last measurement that has one.
+    /// The pose `X_CO` of the last measurement that has one, where the target with this number is the one that was looked for last.
     #[must_use]
-    pub fn last_pose(&self) -> Option<Pose> {
-        let posed = self.measurements.last.iter().chain(self.measurements.rows.iter().rev());
-        let row = posed.into_iter().find(|row| row.flags & measurement_flag::POSE != 0)?;
+    pub fn last_pose(&self, target_number: u32) -> Option<Pose> {
+        let newest = self.measurements.last.iter().chain(self.measurements.rows.iter().rev());
+        let is_of_it = |row: &&DetectionRow| row.target_number == target_number;
+        let row = newest.take_while(is_of_it).find(|row| row.flags & measurement_flag::POSE != 0)?;
         Measurement { flags: row.flags, pose: row.pose, ..Measurement::default() }.pose()
     }
 }

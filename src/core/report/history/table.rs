@@ -6,6 +6,7 @@ use crate::messages::{ControlState, TargetStatus, measurement_flag};
 use crate::motion::Limit;
 use crate::servo::{MeasurementVerdict, NoTask};
 use crate::time::SpanNs;
+use std::collections::BTreeSet;
 use std::fmt::{Display, Write};
 
 /// Names of the columns of a pose.
@@ -73,17 +74,25 @@ impl RunHistory {
              exposure_to_frame_us,frame_to_vision_us,vision_us,measurement_to_command_us,exposure_to_command_us",
         );
         cells(&mut out, POSE.iter().map(|part| format!("CO_{part}")));
-        cells(&mut out, self.ids.iter().map(|id| format!("u_{0}_px,v_{0}_px", id + 1)));
+        // A column has the point of its number of whichever target the row is of.
+        let ids: BTreeSet<u32> = self.targets.iter().flatten().copied().collect();
+        cells(&mut out, ids.iter().map(|id| format!("u_{0}_px,v_{0}_px", id + 1)));
         out.push('\n');
-        let width = 2 * self.ids.len();
+        let width = 2 * self.points;
         for (i, row) in self.measurements.all().enumerate() {
             let px = self.px.get(i * width..(i + 1) * width).unwrap_or(&self.last_px);
-            self.measurement_line(&mut out, row, px);
+            self.measurement_line(&mut out, row);
+            let own = self.targets.get(row.target_number as usize).map_or(&[][..], Vec::as_slice);
+            for id in &ids {
+                let place = own.iter().position(|one| one == id).and_then(|at| px.get(2 * at..2 * at + 2));
+                point(&mut out, place.unwrap_or(&[f32::NAN; 2]));
+            }
+            out.push('\n');
         }
         out
     }
 
-    fn measurement_line(&self, out: &mut String, row: &DetectionRow, px: &[f32]) {
+    fn measurement_line(&self, out: &mut String, row: &DetectionRow) {
         let time_s = self.seconds(row.exposure);
         let _ = write!(out, "{},{},{},{time_s:.9},", row.frame_id, row.camera, row.target_number);
         if let Some(taken) = row.taken {
@@ -117,17 +126,20 @@ impl RunHistory {
                 let _ = write!(out, "{value:.9}");
             }
         }
-        for value in px {
-            out.push(',');
-            if value.is_finite() {
-                let _ = write!(out, "{value}");
-            }
-        }
-        out.push('\n');
     }
 
     fn seconds(&self, time: crate::time::MonoNs) -> f64 {
         self.first.map_or(0.0, |first| (time - first).as_s())
+    }
+}
+
+/// The cells of a point, empty where it was not seen.
+fn point(out: &mut String, px: &[f32]) {
+    for value in px {
+        out.push(',');
+        if value.is_finite() {
+            let _ = write!(out, "{value}"); // a String takes everything
+        }
     }
 }
 

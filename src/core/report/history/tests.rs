@@ -32,7 +32,7 @@ proptest! {
 #[test]
 fn measurements_keep_their_points_when_they_are_thinned() {
     // memory for 2 s at 30 Hz and a little more
-    let mut history = RunHistory::new(2, &[0, 1], SpanNs::from_s(2.0), 30.0);
+    let mut history = RunHistory::new(2, &[&[0, 1]], SpanNs::from_s(2.0), 30.0);
     let before = (history.px.capacity(), history.measurements.rows.capacity());
     (0..1000).for_each(|k| history.note_measurement(&measurement(k)));
     assert_eq!(before, (history.px.capacity(), history.measurements.rows.capacity()), "reserved before");
@@ -45,8 +45,29 @@ fn measurements_keep_their_points_when_they_are_thinned() {
 }
 
 #[test]
+fn each_measurement_has_the_points_of_its_own_target() {
+    let mut history = RunHistory::new(2, &[&[0, 1], &[1, 28, 29]], SpanNs::from_s(2.0), 30.0);
+    for (frame_id, target_number) in [(5, 0), (6, 1), (7, 2), (8, 1)] {
+        let pose = [frame_id as f64, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+        let flags = measurement_flag::POSE;
+        history.note_measurement(&Measurement { target_number, flags, pose, ..measurement(frame_id) });
+    }
+    let text = history.measurements_csv();
+    // Id 1 is the second point of the first target and the first one of the other; a number that no target has leaves no points.
+    assert_eq!(column(&text, "u_2_px"), ["5", "6", "", "8"]);
+    assert_eq!(column(&text, "target_number"), ["0", "1", "2", "1"]);
+    assert!(["u_1_px", "u_29_px", "v_30_px"].iter().all(|name| column(&text, name) == ["", "", "", ""]));
+    let x = |target| history.last_pose(target).map(|X_CO| X_CO.translation.x);
+    assert_eq!(
+        (x(0), x(1), x(9)),
+        (None, Some(8.0), None),
+        "the arm has moved on since another target was seen"
+    );
+}
+
+#[test]
 fn memory_is_bounded_whatever_the_run_file_says() {
-    let history = RunHistory::new(100, &[0], SpanNs(i64::MAX), f64::MAX);
+    let history = RunHistory::new(100, &[&[0]], SpanNs(i64::MAX), f64::MAX);
     assert_eq!((history.joints, history.ticks.most, history.measurements.most), (7, 120_000, 12_000));
     let shortest = RunHistory::new(2, &[], SpanNs(i64::MIN), f64::NAN);
     assert!(shortest.ticks.most < 100 && shortest.measurements.most <= 12_000);

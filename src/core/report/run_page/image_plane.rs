@@ -44,12 +44,19 @@ fn distance(a: &[f64; 2], b: &[f64; 2]) -> f64 {
     (a[0] - b[0]).hypot(a[1] - b[1])
 }
 
-fn ways(r: &RunRecord) -> Vec<PointPath> {
+/// The ways of the points of the target of this number.
+fn ways(r: &RunRecord, target: usize) -> Vec<PointPath> {
+    let rows: Vec<usize> = (0..r.measurements.rows()).filter(|row| r.target_at(*row) == target).collect();
     let ids =
         r.measurements.names().iter().filter_map(|n| n.strip_prefix("u_")?.strip_suffix("_px")?.parse().ok());
     let ways = ids.map(|id: usize| {
-        let path = r.measurements.points(&format!("u_{id}_px"), &format!("v_{id}_px"));
-        let row = r.goal.numbers("point").iter().position(|p| *p == id as f64);
+        let (u, v) =
+            (r.measurements.numbers(&format!("u_{id}_px")), r.measurements.numbers(&format!("v_{id}_px")));
+        let at = |row: &usize| Some([*u.get(*row)?, *v.get(*row)?]);
+        let path = rows.iter().filter_map(at).filter(|p| p.iter().all(|x| x.is_finite())).collect();
+        let is_goal =
+            |row: &usize| r.goal.number("point", *row) == id as f64 && r.goal_target_at(*row) == target;
+        let row = (0..r.goal.rows()).find(is_goal);
         let goal = row.map(|row| [r.goal.number("u_px", row), r.goal.number("v_px", row)]);
         PointPath { id, path, goal: goal.filter(|g| g.iter().all(|x| x.is_finite())) }
     });
@@ -87,13 +94,39 @@ fn pair(p: &[f64; 2]) -> (f64, f64) {
 /// The figure.
 pub(super) fn image_plane(r: &RunRecord) -> String {
     const TITLE: &str = "Image plane: the points on the way to their goals";
-    let ways = ways(r);
-    if ways.is_empty() {
+    let targets = r.targets_looked_for();
+    let mut of_targets: Vec<_> = targets.iter().map(|target| (*target, ways(r, *target))).collect();
+    of_targets.retain(|(_, ways)| !ways.is_empty());
+    if of_targets.is_empty() {
         return heading(TITLE, "No point of the target was ever found, so there is no way to draw.");
     }
-    let mut image =
-        Panel::new("whole image", "u, px", "v, px, down").equal_scales().y_down().with(border(r.image_px));
-    let few = ways.len() <= 7;
+    let several = targets.len() > 1;
+    let mut panels = Vec::new();
+    let mut told = Vec::new();
+    for (target, ways) in &of_targets {
+        let name = r.target_name(*target);
+        let of = if several { format!(", {name}") } else { String::new() };
+        panels.extend(paths(r, ways, &of));
+        told.push(if several { format!("Of {name}: {}", says(r, ways)) } else { says(r, ways) });
+    }
+    let few = of_targets.iter().all(|(_, ways)| ways.len() <= FEW);
+    let colours = if few { "" } else { " Colours repeat after seven points." };
+    let note = format!(
+        "Crosses in the image: where a point was first seen; circles: where it is to be. Crosses about the goal: where it was seen last.{colours}"
+    );
+    figure(TITLE, &told.join(" "), &note, |width| figure_svg(&panels, 2, width, TITLE))
+}
+
+/// With so many points each has a colour of its own, and a name.
+const FEW: usize = 7;
+
+/// The ways in the image, and about the points' goals; `of` follows the titles.
+fn paths(r: &RunRecord, ways: &[PointPath], of: &str) -> Vec<Panel> {
+    let mut image = Panel::new(format!("whole image{of}"), "u, px", "v, px, down")
+        .equal_scales()
+        .y_down()
+        .with(border(r.image_px));
+    let few = ways.len() <= FEW;
     for (i, way) in ways.iter().enumerate() {
         let line = Series::line(i, way.path.iter().map(pair));
         image.push(if few { line.label(format!("point {}", way.id)) } else { line });
@@ -106,7 +139,7 @@ pub(super) fn image_plane(r: &RunRecord) -> String {
         // Wide enough for the ends and for the goal, and no wider than the ways themselves.
         let reach = (2.5 * most).max(6.0 * r.goal_error_px).max(0.2);
         let mut rest = Panel::new(
-            "the end, about each point's goal",
+            format!("the end, about each point's goal{of}"),
             "u less its goal, px",
             "v less its goal, px, down",
         )
@@ -129,11 +162,7 @@ pub(super) fn image_plane(r: &RunRecord) -> String {
         }
         panels.push(rest);
     }
-    let colours = if few { "" } else { " Colours repeat after seven points." };
-    let note = format!(
-        "Crosses in the image: where a point was first seen; circles: where it is to be. Crosses about the goal: where it was seen last.{colours}"
-    );
-    figure(TITLE, &says(r, &ways), &note, |width| figure_svg(&panels, 2, width, TITLE))
+    panels
 }
 
 #[cfg(test)]
@@ -151,13 +180,28 @@ mod tests {
             goal: CsvTable::parse("point,u_px,v_px\n1,100,100\n"),
             ..RunRecord::default()
         };
-        let says = says(&r, &ways(&r));
+        let says = says(&r, &ways(&r, 0));
         assert_eq!(
             says,
             "The point ends 0.041 px from its goal; the longest way, that of point 1, is 200 px, 1.41 times the straight line."
         );
         let html = image_plane(&r);
         assert!(html.contains("about each point") && html.contains("border of the image"));
+        let of_two = RunRecord {
+            further_targets: vec![("bin".into(), [[0.0; 2]; 2])],
+            measurements: CsvTable::parse("target_number,u_1_px,v_1_px\n0,0,0\n0,100,0\n1,50,50\n1,60,50\n"),
+            goal: CsvTable::parse("point,u_px,v_px,target_number\n1,100,3,0\n1,60,57,1\n"),
+            ..r
+        };
+        let html = image_plane(&of_two);
+        for part in [
+            "Of target: The point ends 3.0 px from its goal",
+            "Of bin: The point ends 7.0 px from its goal",
+            "whole image, target<",
+            "whole image, bin<",
+        ] {
+            assert!(html.contains(part), "{part}: {html}");
+        }
         let blind = image_plane(&RunRecord::default());
         assert!(blind.contains("No point of the target") && !blind.contains("<svg"));
     }

@@ -45,8 +45,12 @@ pub(super) fn photographs(r: &RunRecord) -> String {
         let row = r.measurements.numbers("frame_id").iter().position(|f| *f == id);
         let time = row.map(|row| r.measurements.number("exposure_s", row)).filter(|t| t.is_finite());
         let found = rows.iter().filter(|row| r.frames.number("u_px", **row).is_finite()).count();
+        let of = match row.filter(|_| r.targets_looked_for().len() > 1) {
+            Some(row) => format!(" of {}", r.target_name(r.target_at(row))),
+            None => String::new(),
+        };
         let caption = format!(
-            "{} frame, number {id}{}: {}; {}",
+            "{} frame, number {id}{}: {}; {}{of}",
             super::joints::capital(r.frames.word("why", *first)),
             time.map_or_else(String::new, |t| format!(", exposed at {t:.3} s")),
             r.frames.word("status", *first),
@@ -58,7 +62,7 @@ pub(super) fn photographs(r: &RunRecord) -> String {
             "<figure><div class=\"image\"><img src=\"{}\" alt=\"{1}\">{2}</div><figcaption>{1}</figcaption></figure>",
             image.data,
             escaped(&caption),
-            marks(r, &rows, MARK)
+            marks(r, (&rows, row), MARK)
         );
     }
     html + "</div><p class=\"note\">Green crosses: points that were found; dashed circles: where they are to be. The files beside this page are the \
@@ -95,7 +99,7 @@ fn filmstrip(r: &RunRecord) -> String {
             frames,
             "<figure><div class=\"image\"><img src=\"{}\" alt=\"{caption}\">{}</div><figcaption>{caption}</figcaption></figure>",
             image.data,
-            marks(r, &rows, STRIP_MARK)
+            marks(r, (&rows, row), STRIP_MARK)
         );
     }
     // The first and the last frame stand below.
@@ -110,13 +114,16 @@ fn filmstrip(r: &RunRecord) -> String {
     heading("Filmstrip", &says) + "<div class=\"images strip\">\n" + &frames + "</div>\n"
 }
 
-fn marks(r: &RunRecord, rows: &[usize], mark: f64) -> String {
+/// What was found in a frame, by its `rows`, and the goal of the target that was looked for in it, by the row of its measurement.
+fn marks(r: &RunRecord, (rows, measurement): (&[usize], Option<usize>), mark: f64) -> String {
     let [width, height] = r.image_px;
     let mark = mark * width;
     let mut svg = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"-0.5 -0.5 {width} {height}\" aria-hidden=\"true\">"
     );
-    for (u, v) in r.goal.numbers("u_px").iter().zip(r.goal.numbers("v_px")) {
+    let target = measurement.map_or(0, |row| r.target_at(row));
+    for row in (0..r.goal.rows()).filter(|row| r.goal_target_at(*row) == target) {
+        let (u, v) = (r.goal.number("u_px", row), r.goal.number("v_px", row));
         if u.is_finite() && v.is_finite() {
             let _ = write!(svg, "<circle class=\"goal\" cx=\"{u:.1}\" cy=\"{v:.1}\" r=\"{mark:.1}\"/>");
         }

@@ -1,7 +1,9 @@
 //! What the page of a run is made of: plain data, as it stands in the files beside the page.
 
+use crate::config::FIRST_TARGET;
 use crate::report::csv_table::CsvTable;
 use crate::robot::{JointDescription, JointKind};
+use std::collections::BTreeSet;
 
 /// A run.
 #[derive(Debug, Clone, Default)]
@@ -42,8 +44,8 @@ pub struct RunRecord {
     pub goal_error_px: f64,
     /// Corners of the target's plate in its own plane, least and greatest x and y, m.
     pub plate_m: [[f64; 2]; 2],
-    /// The points of the target, m.
-    pub points_m: Vec<[f64; 3]>,
+    /// The further targets, by their numbers: their names, and the corners of their plates as [`Self::plate_m`].
+    pub further_targets: Vec<(String, [[f64; 2]; 2])>,
     /// A row a tick.
     pub trace: CsvTable,
     /// A row a measurement.
@@ -83,6 +85,53 @@ pub struct JointSummary {
     pub velocity: f64,
     /// Greatest torque or force.
     pub effort: f64,
+}
+
+/// A time in which one target was looked for: its number, from when to when, s, and the first row of the measurements and that after the last.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct TargetSpell {
+    pub(super) target: usize,
+    pub(super) from_s: f64,
+    pub(super) to_s: f64,
+    pub(super) rows: (usize, usize),
+}
+
+impl RunRecord {
+    /// Number of the target that a row of the measurements is of.
+    pub(super) fn target_at(&self, row: usize) -> usize {
+        // A page of a file without the column is of the first target; numbers are small and whole.
+        self.measurements.number("target_number", row).max(0.0) as usize
+    }
+
+    /// The same of a row of the goals.
+    pub(super) fn goal_target_at(&self, row: usize) -> usize {
+        self.goal.number("target_number", row).max(0.0) as usize
+    }
+
+    /// Name of a target.
+    pub(super) fn target_name(&self, number: usize) -> &str {
+        let further = number.checked_sub(1).and_then(|i| self.further_targets.get(i));
+        further.map_or(FIRST_TARGET, |(name, _)| name.as_str())
+    }
+
+    /// When which target was looked for, in the order of time.
+    pub(super) fn spells(&self) -> Vec<TargetSpell> {
+        let mut spells: Vec<TargetSpell> = Vec::new();
+        for row in 0..self.measurements.rows() {
+            let (target, time_s) = (self.target_at(row), self.measurements.number("exposure_s", row));
+            match spells.last_mut() {
+                Some(last) if last.target == target => (last.to_s, last.rows.1) = (time_s, row + 1),
+                _ => spells.push(TargetSpell { target, from_s: time_s, to_s: time_s, rows: (row, row + 1) }),
+            }
+        }
+        spells
+    }
+
+    /// Numbers of the targets that were looked for, rising.
+    pub(super) fn targets_looked_for(&self) -> Vec<usize> {
+        let all: BTreeSet<usize> = (0..self.measurements.rows()).map(|row| self.target_at(row)).collect();
+        all.into_iter().collect()
+    }
 }
 
 impl JointSummary {

@@ -3,7 +3,7 @@
 //! The numbers here are layout, or keep logarithms and divisions from zero and infinity; they were chosen by hand.
 
 use super::errors::blind_spans;
-use super::record::RunRecord;
+use super::record::{RunRecord, TargetSpell};
 use crate::report::chart::{Anchor, Axis, Canvas, Width, over_time, text_width};
 use crate::report::numbers::{counted, significant};
 use crate::report::page::{escaped, figure};
@@ -40,6 +40,18 @@ fn lanes(r: &RunRecord, end: f64) -> Vec<TimelineLane> {
     let first = r.measurements.number("exposure_s", 0);
     if first.is_finite() {
         lanes.push(TimelineLane { name: "target".into(), spans: target_spans(first.max(0.0), end, r) });
+    }
+    if r.targets_looked_for().len() > 1 {
+        let spells = r.spells();
+        let ends = spells.iter().skip(1).map(|next| next.from_s).chain([end]);
+        let span = |(spell, to): (&TargetSpell, f64)| {
+            let class = if spell.target.is_multiple_of(2) { "b0" } else { "b2" };
+            (spell.from_s.max(0.0), to, class, r.target_name(spell.target).to_owned())
+        };
+        lanes.push(TimelineLane {
+            name: "looked for".into(),
+            spans: spells.iter().zip(ends).map(span).collect(),
+        });
     }
     for name in r.trace.names().iter().filter(|n| n.starts_with("limit_")) {
         let mut spans: Vec<TimelineSpan> = Vec::new();
@@ -247,6 +259,18 @@ mod tests {
             events: (0..events).map(|i| (0.03 * i as f64, format!("<event> {i}"))).collect(),
             ..RunRecord::default()
         }
+    }
+
+    #[test]
+    fn several_targets_have_a_lane_that_names_them() {
+        let mut r = record(0);
+        r.further_targets = vec![("bin".into(), [[0.0; 2]; 2])];
+        r.measurements =
+            CsvTable::parse("exposure_s,status,target_number\n0,Found,0\n4,Found,1\n5,Found,1\n7,Found,0\n");
+        let lanes = lanes(&r, 10.0);
+        let lane = lanes.iter().find(|lane| lane.name == "looked for").unwrap();
+        let told: Vec<_> = lane.spans.iter().map(|s| (s.0, s.1, s.3.as_str())).collect();
+        assert_eq!(told, [(0.0, 4.0, "target"), (4.0, 7.0, "bin"), (7.0, 10.0, "target")]);
     }
 
     #[test]

@@ -4,7 +4,7 @@
 
 mod draw;
 
-use super::errors::{camera_errors, cell_pose};
+use super::errors::{camera_errors, cell_pose, frame_suffix};
 use super::record::RunRecord;
 use crate::report::numbers::significant;
 use crate::report::page::{figure, heading};
@@ -24,7 +24,7 @@ fn upright(r: &RunRecord) -> Vector3<f64> {
 struct CellDrawing {
     /// The way of the camera; of the target, where that is on the arm.
     path: Vec<Point3<f64>>,
-    frames: Vec<(&'static str, Isometry3<f64>)>,
+    frames: Vec<(String, Isometry3<f64>)>,
     links: Vec<(bool, Vec<Point3<f64>>)>,
     plates: Vec<Vec<Point3<f64>>>,
 }
@@ -43,7 +43,15 @@ fn cell(r: &RunRecord) -> CellDrawing {
         ("D", "D"),
     ] {
         if let Some(X) = cell_pose(r, name) {
-            cell.frames.push((label, X));
+            cell.frames.push((label.into(), X));
+        }
+    }
+    let looked_for = r.targets_looked_for();
+    for number in (1..=r.further_targets.len()).filter(|number| looked_for.contains(number)) {
+        for (frame, when) in [("O", "_start"), ("O", "_end"), ("D", "")] {
+            if let Some(X) = cell_pose(r, &format!("{frame}{number}{when}")) {
+                cell.frames.push((format!("{frame} {}{}", r.target_name(number), when.replace('_', " ")), X));
+            }
         }
     }
     if !r.has_arm {
@@ -52,22 +60,22 @@ fn cell(r: &RunRecord) -> CellDrawing {
             .filter_map(|row| super::errors::pose(&r.measurements, "CO_", row))
             .collect();
         if let (Some(first), Some(last)) = (posed.first(), posed.last()) {
-            cell.frames.extend([("C start", first.inverse()), ("C end", last.inverse())]);
+            cell.frames.extend([("C start".into(), first.inverse()), ("C end".into(), last.inverse())]);
         }
     }
     // What has not moved is one frame.
-    for (start, end, label) in
-        [("O start", "O end", "O"), ("C start", "C end", "C"), ("E start", "E end", "E")]
-    {
+    let of_targets = (0..=r.further_targets.len()).map(|number| target_label(r, number));
+    for label in of_targets.chain(["C".into(), "E".into()]) {
+        let (start, end) = (format!("{label} start"), format!("{label} end"));
         let at = |name: &str| cell.frames.iter().position(|(n, _)| *n == name);
-        if let Some((i, j)) = at(start).zip(at(end))
+        if let Some((i, j)) = at(&start).zip(at(&end))
             && let (Some((_, a)), Some((_, b))) = (cell.frames.get(i), cell.frames.get(j))
             && (a.translation.vector - b.translation.vector).norm() < 1e-4
             && a.rotation.angle_to(&b.rotation) < 1e-3
         {
             cell.frames.remove(j);
             if let Some(frame) = cell.frames.get_mut(i) {
-                frame.0 = label;
+                frame.0 = label.clone();
             }
         }
     }
@@ -81,12 +89,22 @@ fn cell(r: &RunRecord) -> CellDrawing {
             cell.links.push((when == "end", joints.into_iter().chain(flange).collect()));
         }
     }
-    let [[x0, y0], [x1, y1]] = r.plate_m;
-    let corners = [(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)].map(|(x, y)| Point3::new(x, y, 0.0));
-    for X in ["O", "O start", "O end"].into_iter().filter_map(find) {
-        cell.plates.push(corners.iter().map(|p| X * p).collect());
+    let plates = std::iter::once(&r.plate_m).chain(r.further_targets.iter().map(|(_, plate_m)| plate_m));
+    let mut drawn = Vec::new();
+    for (number, [[x0, y0], [x1, y1]]) in plates.enumerate() {
+        let corners =
+            [(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)].map(|(x, y)| Point3::new(*x, *y, 0.0));
+        let label = target_label(r, number);
+        let places = ["", " start", " end"].map(|when| find(&format!("{label}{when}")));
+        drawn.extend(places.into_iter().flatten().map(|X| corners.iter().map(|p| X * p).collect()));
     }
+    cell.plates = drawn;
     cell
+}
+
+/// The label of a target's frame.
+fn target_label(r: &RunRecord, number: usize) -> String {
+    if number == 0 { "O".into() } else { format!("O {}", r.target_name(number)) }
 }
 
 /// The way of the camera, or of what moves before it.
@@ -126,14 +144,18 @@ fn says(r: &RunRecord, path: &[Point3<f64>]) -> String {
     if straight > 10.0 * STEP_M {
         text += &format!(", {} times the straight line", significant(length / straight, 3));
     }
-    match (cell_pose(r, "C_end"), cell_pose(r, "D"), camera_errors(r).last()) {
+    // The goal at the end is that of the target that was looked for last.
+    let last = r.spells().last().map_or(0, |spell| spell.target);
+    let D = cell_pose(r, &format!("D{}", frame_suffix(last)));
+    let name = if last == 0 { "D".to_owned() } else { format!("D {}", r.target_name(last)) };
+    match (cell_pose(r, "C_end"), D, camera_errors(r).last()) {
         (Some(C), Some(D), _) => {
             let mm = (D.translation.vector - C.translation.vector).norm() * 1e3;
             let ends = if r.eye_in_hand { "ends" } else { "the camera ends" };
-            text += &format!(", and {ends} {} mm from D", significant(mm, 2));
+            text += &format!(", and {ends} {} mm from {name}", significant(mm, 2));
         }
-        (_, _, Some([_, mm, _])) => {
-            text += &format!(", and ends {} mm from D as measured", significant(*mm, 2))
+        (_, _, Some((_, [_, mm, _]))) => {
+            text += &format!(", and ends {} mm from {name} as measured", significant(*mm, 2))
         }
         _ => {}
     }
@@ -153,9 +175,10 @@ pub(super) fn view3d(r: &RunRecord) -> String {
     let mut scenes = vec![SceneDrawing::new("the whole cell", cell)];
     scenes.extend(near.map(|near| SceneDrawing::new("about the way", near)));
     let lengths: Vec<String> = scenes.iter().map(|s| format!("{} m", significant(s.axis_m, 2))).collect();
+    let of = if r.targets_looked_for().len() > 1 { ", of each target that was looked for" } else { "" };
     let note = format!(
         "True isometric views in {system}, upwards is up: equal lengths along x, y and z are equally long on paper. Axes of frames (x orange, \
-         y green, z blue) are {} long. E flange, C camera, O target, D where the camera is to be. Grey: the links of the arm, pale at the start.",
+         y green, z blue) are {} long. E flange, C camera, O target, D where the camera is to be{of}. Grey: the links of the arm, pale at the start.",
         lengths.join(" and ")
     );
     let path = scenes.first().map(|s| s.cell.path.clone()).unwrap_or_default();
@@ -207,7 +230,7 @@ impl CellDrawing {
         };
         (reach > 1e-3 && reach < 0.5 * whole).then(|| Self {
             path: self.path.clone(),
-            frames: self.frames.iter().filter(|f| is_near(&f.1)).copied().collect(),
+            frames: self.frames.iter().filter(|f| is_near(&f.1)).cloned().collect(),
             links: Vec::new(),
             plates: Vec::new(),
         })

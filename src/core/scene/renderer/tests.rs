@@ -292,3 +292,37 @@ fn nonsense_is_refused() {
     let huge = camera(5000, 100, 600.0, Distortion::default());
     assert!(Renderer::new(huge, FourDots::default(), SceneLook::default(), SensorModel::default()).is_err());
 }
+
+#[test]
+fn further_targets_are_drawn_where_they_have_moved_to() {
+    let camera = camera(96, 72, 90.0, Distortion::default());
+    let (further, look): (Target, _) = (FourDots::default().into(), SceneLook::default());
+    let still = |X_OT| {
+        let one = Renderer::new(camera, FourDots::default(), look, SensorModel::ideal()).unwrap();
+        one.with_further_targets([(&further, X_OT)])
+    };
+    let at = |x: f64| Pose::from_parts(Translation3::new(x, 0.12, 0.0), UnitQuaternion::identity());
+    let X_CO = pose(rotation_z(0.2), 0.0, -0.04, 0.5);
+    let mut moving = still(at(0.0));
+    let mut image = |X_CO: &[Pose], X_OT: &[Pose]| {
+        let mut out = vec![0; 96 * 72];
+        moving.render_moving(X_CO, X_OT, 0, &mut out);
+        out
+    };
+    let of_still = |x| {
+        let mut out = vec![0; 96 * 72];
+        still(at(x)).render(&[X_CO], 0, &mut out);
+        out
+    };
+    assert_eq!(image(&[X_CO], &[at(0.03)]), of_still(0.03));
+    assert_eq!(image(&[X_CO], &[at(-0.04)]), of_still(-0.04));
+    assert_ne!(of_still(0.03), of_still(-0.04));
+    // Two halves of an exposure, each with its place: the mean of both images.
+    let both = image(&[X_CO, X_CO], &[at(0.03), at(-0.04)]);
+    let (a, b) = (of_still(0.03), of_still(-0.04));
+    let off = both
+        .iter()
+        .zip(a.iter().zip(&b))
+        .map(|(m, (a, b))| (f64::from(*m) - 0.5 * (f64::from(*a) + f64::from(*b))).abs());
+    assert!(off.fold(0.0, f64::max) <= 1.0, "but for rounding");
+}

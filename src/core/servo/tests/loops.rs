@@ -56,7 +56,7 @@ impl<const N: usize> SimulatedLoop<N> {
 
     fn with(mut self, change: impl FnOnce(&mut ServoSettings)) -> Self {
         let mut settings = self.servo.settings().clone();
-        settings.X_WO = Some(self.X_WO);
+        settings.X_WO = vec![self.X_WO];
         change(&mut settings);
         self.servo = VisualServo::new(settings, self.servo.set_point().clone());
         self
@@ -248,7 +248,7 @@ fn a_hand_that_obeys_the_camera_request_reaches_the_goal() {
     };
     for law in laws().into_iter().filter(law_of_a_hand) {
         let SimulatedLoop { servo, robot, q, .. } = scara();
-        let settings = ServoSettings { law: law.clone(), X_WO: None, ..servo.settings().clone() };
+        let settings = ServoSettings { law: law.clone(), X_WO: Vec::new(), ..servo.settings().clone() };
         let mut servo = VisualServo::new(settings, servo.set_point().clone());
         assert_eq!(servo.camera_law_output(), None, "nothing was seen");
         let mut X_CO = Pose::new([-0.05, 0.08, 0.75].into(), [0.1, -0.15, -0.6].into());

@@ -9,6 +9,8 @@ use crate::sim::perfect_measurement;
 use nalgebra::{Point3, Vector3, Vector4};
 use proptest::prelude::*;
 
+mod targets;
+
 const MS: i64 = 1_000_000;
 
 fn square() -> [Point3<f64>; 4] {
@@ -392,25 +394,4 @@ fn a_path_begins_with_the_law_and_ends_with_another_goal() {
     moved_to(&mut s, 2000..=2000);
     velocity(s.law_output(&q_at(100), &still, &robot));
     assert_eq!((s.path_began(), s.set_point()), (None, &other));
-}
-
-/// Nothing that was seen of one target is used for the goal of another, neither before nor after the change.
-#[test]
-fn another_target_is_waited_for() {
-    let robot = scara();
-    let mut s = servo(UpdatePolicy::Predict);
-    moved_to(&mut s, 0..=50);
-    assert_eq!(s.add_measurement(MonoNs(50 * MS), &seen_at(20), &robot), MeasurementVerdict::Used);
-    assert!(s.law_output(&q_at(50), &Vector4::zeros(), &robot).is_some());
-    let other = s.set_point().clone().with_target(1);
-    s.set_goal(other);
-    assert!(s.law_output(&q_at(50), &Vector4::zeros(), &robot).is_none());
-    assert!(s.way_back(&q_at(50)).is_none());
-    let of_old = seen_at(40);
-    assert_eq!(s.add_measurement(MonoNs(50 * MS), &of_old, &robot), MeasurementVerdict::OtherTarget);
-    assert!(s.law_output(&q_at(50), &Vector4::zeros(), &robot).is_none());
-    // Also of an exposure before that of the last measurement of the old one.
-    let of_new = Measurement { target_number: 1, ..seen_at(10) };
-    assert_eq!(s.add_measurement(MonoNs(50 * MS), &of_new, &robot), MeasurementVerdict::Used);
-    assert!(s.law_output(&q_at(50), &Vector4::zeros(), &robot).is_some());
 }

@@ -155,13 +155,7 @@ impl<'a, const N: usize> Judgement<'a, N> {
         Self {
             task,
             scene,
-            truth: Truth {
-                robot,
-                mount: scene.mount,
-                X_WO: scene.X_WO,
-                further_X_WO: Vec::new(),
-                motion: scene.motion,
-            },
+            truth: Truth { robot, mount: scene.mount, objects: scene.places().collect() },
             X_DO,
             points,
             goal_px,
@@ -186,7 +180,7 @@ impl<'a, const N: usize> Judgement<'a, N> {
         let js = &trace.joint_state;
         // What encoders with steps and offsets report is not where the arm is.
         let q = SVector::<f64, N>::from_fn(|i, _| js.q_true.get(i).copied().unwrap_or_default());
-        let X_CO = self.truth.X_CO(&q, trace.time - MonoNs::ZERO);
+        let Some(X_CO) = self.truth.X_CT(0, &q, trace.time - MonoNs::ZERO) else { return };
         let px: Vec<Option<Vector2<f64>>> =
             self.points.iter().map(|p| self.scene.camera.project(&(X_CO * p))).collect();
         let squares = px

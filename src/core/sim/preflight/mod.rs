@@ -16,12 +16,14 @@ mod path;
 mod reach;
 mod space;
 mod stability;
+mod targets;
 mod words;
 
 pub use named_goals::NamedGoalAhead;
 pub use path::GoalPathAhead;
 pub use reach::{CameraPath, Posture, Reach};
 pub use space::SpaceAhead;
+pub use targets::FurtherTargetAhead;
 
 use crate::config::{Config, Scene};
 use crate::config::{SetPointKind, Task};
@@ -62,6 +64,8 @@ pub struct Preflight {
     /// Joints whose rotor inertia the robot file does not tell, with what it is likely to be; `None` where nothing is missing, and for drives that are not commanded
     /// by torques.
     pub rotors: Option<String>,
+    /// The further targets, by their numbers.
+    pub targets: Vec<FurtherTargetAhead>,
     /// The goals that the run file has names for.
     pub goals: Vec<NamedGoalAhead>,
     /// Postures with names to which the arm is not sent, in words.
@@ -124,14 +128,15 @@ impl Preflight {
         crate::dispatch_robot!(config.robot, |robot| Self::of_goal(config, &robot))?
     }
 
-    /// The same with the goals and postures that the run file has names for, which a run itself need not know.
+    /// The same with the further targets, and the goals and postures that the run file has names for, which a run itself need not know.
     ///
     /// # Errors
     /// As for [`Self::of`].
     pub fn with_names(self, config: &Config) -> Result<Self, RobotError> {
         crate::dispatch_robot!(config.robot, |robot| {
             let postures = named_goals::postures_outside(config, &robot);
-            Ok(Self { goals: NamedGoalAhead::all(config, &robot)?, postures, ..self })
+            let targets = FurtherTargetAhead::all(config, &robot)?;
+            Ok(Self { targets, goals: NamedGoalAhead::all(config, &robot)?, postures, ..self })
         })?
     }
 
@@ -163,6 +168,7 @@ impl Preflight {
             space: None,
             overload: None,
             rotors: rotors(config),
+            targets: Vec::new(),
             goals: Vec::new(),
             postures: Vec::new(),
             notes: notes(config),
@@ -284,6 +290,9 @@ fn notes(config: &Config) -> Vec<&'static str> {
         notes.push("the goal is the pose from which the points look most like servo.set_point.features");
     }
     if let Some(scene) = &config.scene {
+        if scene.places().skip(1).any(|(_, motion)| motion != SceneMotion::Still) {
+            notes.push("further targets move: what is told of them is of where they are at the start");
+        }
         if scene.motion != SceneMotion::Still {
             notes.push("the object moves: all this is of where it is at the start");
         }

@@ -245,7 +245,7 @@ fn goals_and_postures_with_names_are_looked_at() {
     let named = |name: &str| preflight.goals.iter().find(|goal| goal.name == name).unwrap();
     // The posture of a goal shows that goal: by the arm's own kinematics, at where the target of it lies.
     for (name, X_WO) in
-        [("near", config.X_WO().unwrap()), ("bin", config.scene.as_ref().unwrap().further_targets[0].1)]
+        [("near", config.X_WO().unwrap()), ("bin", config.scene.as_ref().unwrap().further_targets[0].X_WO)]
     {
         let Reach::Within(posture) = &named(name).reach else { panic!("{name}: {:?}", named(name)) };
         let X_BE = crate::dispatch_robot!(config.robot, |arm| arm

@@ -1,6 +1,6 @@
 //! The preflight in words.
 
-use super::{CameraPath, Posture, Preflight, Reach, Viewpoint};
+use super::{CameraPath, FurtherTargetAhead, Posture, Preflight, Reach, Viewpoint};
 use crate::scene::{Overhang, PointVisibility, Visibility};
 use crate::servo::{Margins, Stability};
 
@@ -24,6 +24,7 @@ pub(super) fn lines(preflight: &Preflight) -> Vec<String> {
     }
     lines.extend(preflight.path.iter().map(|path| format!("  path:  {}", path.line())));
     lines.extend(preflight.space.iter().map(|space| format!("  space: {}", space.line())));
+    lines.extend(preflight.targets.iter().flat_map(FurtherTargetAhead::lines));
     lines.extend(preflight.goals.iter().map(|goal| format!("  goals: {}", goal.line())));
     lines.extend(preflight.depth.iter().map(|depth| format!("  depth: {depth}")));
     if let Some([condition, slowest]) = preflight.stability.as_ref().map(stability) {
@@ -75,7 +76,7 @@ fn direction(from_down_deg: f64) -> String {
     }
 }
 
-fn points(visibility: &Visibility) -> String {
+pub(super) fn points(visibility: &Visibility) -> String {
     let place = |px: Option<[f64; 2]>| px.map_or("unseen".into(), |[u, v]| format!("({u:.1}, {v:.1})"));
     let turned = visibility.points.iter().filter(|point| !point.turned_away);
     let told = turned.filter(|point| visibility.points.len() <= TOLD_POINTS || !point.whole);
@@ -88,7 +89,7 @@ fn points(visibility: &Visibility) -> String {
     }
 }
 
-fn visibility(visibility: &Visibility) -> String {
+pub(super) fn visibility(visibility: &Visibility) -> String {
     let turned = visibility.points.iter().filter(|point| !point.turned_away).count();
     let marks = if !visibility.front {
         "the back of the target is seen".into()
