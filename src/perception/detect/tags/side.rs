@@ -315,8 +315,8 @@ impl SideScan<'_> {
             self.inside.map_or(0.0, |i| if along_y { i.light_per_px.x } else { i.light_per_px.y });
         let growth = light_per_px * (lit - 0.5 * self.half * (near + far)) / (gain * across * across);
         // a quarter of the side's contrast at least, so that rows of deep shadow do not divide by nothing; chosen by hand
-        let per_sum =
-            |r: &SideRow| sign / ((own * (light.at(r.s) - dark.at(r.s))).max(0.25 * contrast) * gain);
+        let least = 0.25 * contrast;
+        let per_sum = |r: &SideRow| sign / ((own * (light.at(r.s) - dark.at(r.s))).max(least) * gain);
         for row in rows.iter_mut() {
             let (l, d) = (light.at(row.s), dark.at(row.s));
             row.delta = growth - (row.sum - 0.5 * window * (l + d)) * per_sum(row);
