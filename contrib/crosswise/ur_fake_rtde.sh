@@ -24,9 +24,10 @@ int main(int argc, char** argv)
 }
 CPP
 set -- "$work/main.cpp" "$sources/tests/fake_rtde_server.cpp" "$sources/src/log.cpp" "$sources/src/default_log_handler.cpp" \
-    "$sources/src/comm/tcp_server.cpp"
+    "$sources/src/helpers.cpp" "$sources/src/ur/version_information.cpp" "$sources/src/comm/tcp_server.cpp"
 for file in control_package_pause control_package_setup_inputs control_package_setup_outputs control_package_start data_package \
     get_urcontrol_version request_protocol_version rtde_package rtde_parser text_message; do
     set -- "$@" "$sources/src/rtde/$file.cpp"
 done
-"${CXX:-g++}" -std=c++17 -O1 -pthread -I"$sources/include" -I"$sources/tests" -I"$sources/3rdparty" "$@" -o "$program"
+# Its buffers are sent from where a variable says that nobody has set before: zero, as its author takes it to be (GCC 12, Clang 16 and later).
+"${CXX:-g++}" -std=c++17 -O1 -ftrivial-auto-var-init=zero -pthread -I"$sources/include" -I"$sources/tests" -I"$sources/3rdparty" "$@" -o "$program"

@@ -68,7 +68,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn moments_come_back_in_their_order_and_bodies_that_cannot_be_are_refused() {
+    fn bodies_that_cannot_be_are_refused_and_moments_keep_order() {
         let given = [3e-3, 2e-3, 1.5e-3, 1e-4, -2e-4, 3e-4];
         let DrivePayload::Given(body) = DrivePayload::given(1.2, [0.0, 0.01, 0.07], given).unwrap() else {
             panic!("that was given")

@@ -103,7 +103,7 @@ fn both_series_and_modes_converge_in_real_time() {
 #[test]
 fn the_tool_of_the_run_file_goes_to_the_robot() {
     let tool = ["--set", "tool.mass_kg=1.5", "--set", "tool.com_m=[0.01, 0.0, 0.07]"];
-    let inertia = ["--set", "tool.inertia_kg_m2=[3e-3, 2e-3, 1e-3, 1e-4, 0.0, 0.0]"];
+    let inertia = ["--set", "tool.inertia_kg_m2=[3e-3, 2.5e-3, 1e-3, 1e-4, 0.0, 0.0]"];
     let told = |mass_kg, com_m, inertia_kg_m2| Payload { mass_kg, com_m, inertia_kg_m2 };
     let own = ["--payload-kg", "0.8", "--payload-com-m", "0,0,0.04"];
     for (options, set, expected) in [
@@ -111,7 +111,7 @@ fn the_tool_of_the_run_file_goes_to_the_robot() {
         (
             &[],
             &[&tool[..], &inertia].concat(),
-            told(1.5, [0.01, 0.0, 0.07], Some([3e-3, 2e-3, 1e-3, 1e-4, 0.0, 0.0])),
+            told(1.5, [0.01, 0.0, 0.07], Some([3e-3, 2.5e-3, 1e-3, 1e-4, 0.0, 0.0])),
         ),
         (&own, &tool, told(0.8, [0.0, 0.0, 0.04], None)),
         (&["--payload-as-set"], &tool, told(0.0, [0.0; 3], None)),

@@ -1,8 +1,8 @@
 //! Our client against a server that is nobody's here: the fake RTDE server of the maker's own client library, which `contrib/crosswise/ur_fake_rtde.sh` builds and
 //! `VSERVO_UR_FAKE_RTDE` names. Without it the tests say `skipped`.
 //!
-//! That server answers a set-up with the names that were asked for, where a controller tells their types, as the maker's own client does not read them. Between both ends stands a relay
-//! that puts in the types, and changes nothing else.
+//! That server answers a set-up with the names that were asked for, where a controller tells their types, and its data has a recipe's number that nobody has set; the maker's own client reads
+//! neither. Between both ends stands a relay that puts in the types and the number, and changes nothing else.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stdout)] // what is skipped is told
 
@@ -64,18 +64,21 @@ fn makers_server() -> Option<MakersServer> {
     Some(made)
 }
 
-/// What the server sends, with types for names in the answers to set-ups.
+/// What the server sends, with types for names in the answers to set-ups, and their number in data.
 fn relay_answers(mut server: TcpStream, mut client: TcpStream) {
     let (mut framer, mut writer) = (Framer::default(), Writer::with_capacity(4096));
+    let mut outputs = 0;
     loop {
         while let Some(package) = framer.next().expect("packages as the protocol has them") {
             let is_answer = matches!(package.kind, PackageType::SetupOutputs | PackageType::SetupInputs);
             let payload = match package.payload.split_first() {
                 Some((id, names)) if is_answer => {
+                    outputs = if package.kind == PackageType::SetupOutputs { *id } else { outputs };
                     let names = String::from_utf8(names.to_vec()).unwrap();
                     let types: Vec<_> = names.split(',').map(|name| type_of(name).name()).collect();
                     [&[*id], types.join(",").as_bytes()].concat()
                 }
+                Some((_, values)) if package.kind == PackageType::Data => [&[outputs], values].concat(),
                 _ => package.payload.to_vec(),
             };
             if client.write_all(writer.begin(package.kind).put(&payload).package()).is_err() {

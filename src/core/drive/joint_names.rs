@@ -177,7 +177,7 @@ mod tests {
                 &["shoulder_pan_joint", "shoulder_lift_joint", "knee"],
                 "joint 3 is `knee` there and `elbow_joint` here",
             ),
-            (&["", "", ""], "joint 1 is `` there"),
+            (&["", "x", "y"], "joint 1 is `` there"),
             (&[], "0 joints, not 3"),
         ] {
             let words = check_joint_names(&told(names), &UR).unwrap_err().to_string();

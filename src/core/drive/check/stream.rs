@@ -92,7 +92,7 @@ pub(super) fn joint_names(log: &DriveLog, findings: &mut TrialFindings) {
     };
     let robot: Vec<_> = log.arm.joints.iter().map(|joint| joint.name.as_str()).collect();
     let wrong = told.find_map(|t| check_joint_names(&t.text, &robot).err());
-    let late = log.initial().is_none_or(|initial| first.at > initial.at);
+    let late = log.initial().is_some_and(|initial| first.at > initial.at);
     let broken = wrong
         .map(|error| error.brief())
         .or_else(|| late.then(|| "they came after the state with INITIAL".into()));
