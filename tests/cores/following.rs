@@ -120,9 +120,10 @@ fn a_run_that_stays_behind_its_object_is_told_what_is_left() {
         let set = [
             format!("servo.object.moves={moves}"),
             "goal.feature_error_px=0.01".into(),
-            "run.duration_s=8".into(),
+            "run.duration_s=20".into(),
             "scene.motion.kind=pendulum".into(),
-            "scene.motion.frequency_hz=0.4".into(),
+            "scene.motion.frequency_hz=0.5".into(),
+            "scene.motion.amplitude_m=[0, 0.02, 0]".into(),
         ];
         let config = Config::load(None, &set).unwrap();
         let run = simulate_system(&config, &mut |_| Continue(())).unwrap();

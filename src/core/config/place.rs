@@ -1,6 +1,5 @@
-//! Poses of the camera and of the target: `[camera.mount]`, `[scene.object]`.
+//! Poses of the camera and of the target, and how that moves: `[camera.mount]`, `[scene.object]`, `[scene.motion]`.
 
-use super::raw::RawSceneMotion;
 use serde::{Deserialize, Serialize};
 
 word! {
@@ -32,6 +31,50 @@ word! {
         Base,
         /// It is fixed to the flange.
         Flange,
+    }
+}
+
+word! {
+    /// How the target moves by itself.
+    SceneMotionKind {
+        /// Not at all.
+        Still,
+        /// With constant velocity.
+        Conveyor,
+        /// To and fro.
+        Pendulum,
+        /// On a circle.
+        Circle,
+        /// By turns with constant velocity and at rest.
+        StopAndGo,
+        /// One leap to another place.
+        Jump,
+    }
+}
+
+table! {
+    /// Motion of the target in a simulated scene.
+    RawSceneMotion {
+        /// Kind of motion.
+        kind: SceneMotionKind = SceneMotionKind::Still,
+        /// Conveyor, and stop and go while it moves: velocity in the base frame, m/s.
+        velocity_m_s: [f64; 3] = [0.0, 0.05, 0.0],
+        /// Pendulum: largest displacement in the base frame, m.
+        amplitude_m: [f64; 3] = [0.0, 0.05, 0.0],
+        /// Pendulum and circle: swings or turns per second.
+        frequency_hz: f64 = 0.2,
+        /// Circle: from the target's first place to the centre, in the base frame, m.
+        radius_m: [f64; 3] = [0.0, 0.1, 0.0],
+        /// Circle: axis in the base frame about which the target goes, at right angles to the radius.
+        axis: [f64; 3] = [0.0, 0.0, 1.0],
+        /// Stop and go: how long it moves, s.
+        moving_s: f64 = 1.0,
+        /// Stop and go: how long it rests after each motion, s.
+        resting_s: f64 = 1.0,
+        /// Jump: displacement in the base frame, m.
+        displacement_m: [f64; 3] = [0.0, 0.05, 0.0],
+        /// Jump: when, s after the first tick.
+        at_s: f64 = 2.0,
     }
 }
 

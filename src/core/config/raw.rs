@@ -19,7 +19,8 @@ mod workspace;
 
 pub(super) use super::frame_source::{LensWord, RawCamera, RawLens, RawRoi};
 pub(super) use super::place::{
-    Carrier, MountKind, RawBackdrop, RawBystander, RawMount, RawObject, RawOccluder,
+    Carrier, MountKind, RawBackdrop, RawBystander, RawMount, RawObject, RawOccluder, RawSceneMotion,
+    SceneMotionKind,
 };
 pub use drive::DriveKind;
 pub(super) use drive::{RawDrive, RawSimulated, TorquePart};
@@ -202,50 +203,6 @@ table! {
         plate_level: f64 = 220.0,
         /// Grey level of the dots, and of all other marks.
         dot_level: f64 = 30.0,
-    }
-}
-
-word! {
-    /// How the target moves by itself.
-    SceneMotionKind {
-        /// Not at all.
-        Still,
-        /// With constant velocity.
-        Conveyor,
-        /// To and fro.
-        Pendulum,
-        /// On a circle.
-        Circle,
-        /// By turns with constant velocity and at rest.
-        StopAndGo,
-        /// One leap to another place.
-        Jump,
-    }
-}
-
-table! {
-    /// Motion of the target in a simulated scene.
-    RawSceneMotion {
-        /// Kind of motion.
-        kind: SceneMotionKind = SceneMotionKind::Still,
-        /// Conveyor, and stop and go while it moves: velocity in the base frame, m/s.
-        velocity_m_s: [f64; 3] = [0.0, 0.05, 0.0],
-        /// Pendulum: largest displacement in the base frame, m.
-        amplitude_m: [f64; 3] = [0.0, 0.05, 0.0],
-        /// Pendulum and circle: swings or turns per second.
-        frequency_hz: f64 = 0.2,
-        /// Circle: from the target's first place to the centre, in the base frame, m.
-        radius_m: [f64; 3] = [0.0, 0.1, 0.0],
-        /// Circle: axis in the base frame about which the target goes, at right angles to the radius.
-        axis: [f64; 3] = [0.0, 0.0, 1.0],
-        /// Stop and go: how long it moves, s.
-        moving_s: f64 = 1.0,
-        /// Stop and go: how long it rests after each motion, s.
-        resting_s: f64 = 1.0,
-        /// Jump: displacement in the base frame, m.
-        displacement_m: [f64; 3] = [0.0, 0.05, 0.0],
-        /// Jump: when, s after the first tick.
-        at_s: f64 = 2.0,
     }
 }
 

@@ -1,6 +1,6 @@
 //! The preflight in words.
 
-use super::{CameraPath, FurtherTargetAhead, Posture, Preflight, Reach, Viewpoint};
+use super::{CameraPath, Posture, Preflight, Reach, Viewpoint};
 use crate::scene::{Overhang, PointVisibility, Visibility};
 use crate::servo::{Margins, Stability};
 
@@ -24,7 +24,7 @@ pub(super) fn lines(preflight: &Preflight) -> Vec<String> {
     }
     lines.extend(preflight.path.iter().map(|path| format!("  path:  {}", path.line())));
     lines.extend(preflight.space.iter().map(|space| format!("  space: {}", space.line())));
-    lines.extend(preflight.targets.iter().flat_map(FurtherTargetAhead::lines));
+    lines.extend(preflight.targets.iter().flat_map(|target| target.lines()));
     lines.extend(preflight.goals.iter().map(|goal| format!("  goals: {}", goal.line())));
     lines.extend(preflight.depth.iter().map(|depth| format!("  depth: {depth}")));
     if let Some([condition, slowest]) = preflight.stability.as_ref().map(stability) {
