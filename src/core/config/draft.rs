@@ -224,13 +224,13 @@ fn taught_set_point(
     let place = path.display();
     match GoalFile::load(&path) {
         Err(why) => wrong(why),
+        Ok(GoalFile { target_name: Some(name), .. }) if name != FIRST_TARGET => wrong(format!(
+            "{place} is of the target `{name}`, and this is the goal of [target]: name it in [goals.NAME], with file"
+        )),
         Ok(goal) if goal.target != word(raw.target.kind) => {
             let kind = word(raw.target.kind);
             wrong(format!("{place} is of a target of kind \"{}\", target.kind is \"{kind}\"", goal.target));
         }
-        Ok(GoalFile { target_name: Some(name), .. }) if name != FIRST_TARGET => wrong(format!(
-            "{place} is of the target `{name}`, and this is the goal of [target]: name it in [goals.NAME], with file"
-        )),
         Ok(goal) => {
             set_point.kind = SetPointKind::Features;
             set_point.features = goal.features.iter().map(|feature| feature.s).collect();
