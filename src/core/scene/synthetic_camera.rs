@@ -85,7 +85,7 @@ impl<const N: usize> SyntheticCamera<N> {
     fn view(&self, exposure: &Exposure, offset: SpanNs) -> Pose {
         let time = exposure.mid + offset;
         let since = self.since(time);
-        self.mount.X_WC(&self.history.flange(time)).inv_mul(&self.motion.object_at(&self.X_WO, since))
+        self.history.X_WC(&self.mount, time).inv_mul(&self.motion.object_at(&self.X_WO, since))
     }
 
     /// Since tick 0.
