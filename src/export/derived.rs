@@ -92,10 +92,14 @@ impl DerivedMessages {
         let config = &self.config;
         let camera = camera_frame(self.config.camera.id);
         let mut transforms = Vec::new();
-        match &config.camera.mount {
-            Mount::EyeInHand { X_EC } => transforms.push((FLANGE, camera.clone(), *X_EC)),
-            Mount::EyeToHand { X_BC } => transforms.push((BASE, camera.clone(), *X_BC)),
-        }
+        let carrier = match &config.camera.mount {
+            Mount::EyeInHand { .. } => FLANGE,
+            Mount::EyeOnLink { joints, .. } => {
+                config.robot.joints.get(joints - 1).map_or(BASE, |joint| &joint.link)
+            }
+            Mount::EyeToHand { .. } => BASE,
+        };
+        transforms.push((carrier, camera.clone(), *config.camera.mount.pose()));
         let last = config.robot.joints.last().map_or(BASE, |joint| &joint.link);
         transforms.push((last, FLANGE.to_owned(), config.robot.X_LE));
         if let Some(X_DO) = config.set_point.X_DO().filter(|_| !config.goal.is_taught) {

@@ -10,7 +10,6 @@ use crate::report::csv_table::{CsvTable, csv_cell};
 use crate::report::page::base64;
 use crate::report::run_page::{ImageData, JointSummary, RunRecord, run_facts, run_page, run_verdict};
 use crate::report::summary::Summary;
-use crate::robot::Mount;
 use crate::source::load_image;
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, GrayImage, ImageEncoder};
@@ -110,7 +109,7 @@ fn described(config: &Config, summary: &Summary, commands: &[String]) -> RunReco
         commands: commands.to_vec(),
         simulated_time: config.clock == Clock::Lockstep,
         has_arm: config.has_an_arm(),
-        eye_in_hand: matches!(config.camera.mount, Mount::EyeInHand { .. }),
+        eye_in_hand: config.camera.mount.is_on_arm(),
         gravity_B: config.robot.gravity_B.into(),
         joints: config.robot.joints.iter().map(JointSummary::of).collect(),
         image_px: [f64::from(i.width_px), f64::from(i.height_px)],

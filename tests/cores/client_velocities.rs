@@ -72,7 +72,7 @@ impl<const N: usize> Cell<N> {
     }
 
     fn camera(&self) -> Pose {
-        self.config.camera.mount.X_WC(&self.robot.forward(&self.q))
+        self.config.camera.mount.X_WC(&self.robot, &self.q)
     }
 }
 

@@ -3,6 +3,7 @@
 mod arm_unlike_model;
 mod boundary;
 mod calibration_rendered;
+mod camera_on_link;
 mod chessboard;
 mod client_velocities;
 mod comparison_metrics;
@@ -36,6 +37,7 @@ mod pnp_accuracy;
 mod points_in_space;
 mod pose_methods;
 mod position_laws_on_arms;
+mod position_up_to_scale;
 mod random_starts;
 #[path = "../chessboard/render.rs"]
 mod render;

@@ -102,8 +102,7 @@ impl Cell {
         let measurement = (self.tick % 40 == 0).then(|| {
             let robot = self.config.robot.build::<6>().unwrap();
             let q = SVector::<f64, 6>::from_column_slice(&js.q[..6]);
-            let X_CO =
-                self.config.camera.mount.X_WC(&robot.forward(&q)).inv_mul(&self.config.X_WO().unwrap());
+            let X_CO = self.config.camera.mount.X_WC(&robot, &q).inv_mul(&self.config.X_WO().unwrap());
             let points: Vec<_> = self.config.target.points().iter().map(|point| point.p_O).collect();
             perfect_measurement(&points, &X_CO, now)
         });

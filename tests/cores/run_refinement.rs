@@ -44,10 +44,7 @@ fn refined(config: &Config) -> Result<RunRefinement, RunRefinementError> {
 }
 
 fn pose_of(mount: &Mount) -> Isometry3<f64> {
-    match mount {
-        Mount::EyeInHand { X_EC } => *X_EC,
-        Mount::EyeToHand { X_BC } => *X_BC,
-    }
+    *mount.pose()
 }
 
 /// Settings by which a cell is not as its run file tells: focal length up to 10 %, mount 3 degrees and 1 cm, target 5 %.

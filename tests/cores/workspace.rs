@@ -82,7 +82,7 @@ fn course_of<const N: usize>(
             let X_BE = robot.forward(&q);
             let camera = match &mount {
                 Mount::EyeInHand { X_EC } => X_BE * X_EC * Point3::origin(),
-                Mount::EyeToHand { .. } => Point3::origin(),
+                Mount::EyeOnLink { .. } | Mount::EyeToHand { .. } => Point3::origin(),
             };
             let now = [camera, X_BE * Point3::origin()];
             if let Some(last) = last.replace(now) {
@@ -267,7 +267,7 @@ fn an_arm_beyond_a_plane_is_led_back_by_goto_alone() {
             let truth = log.lock().unwrap().last().map(|tick| tick.q);
             let m = truth.filter(|_| k % 40 == 0).and_then(|q| {
                 let points: Vec<_> = config.target.points().iter().map(|point| point.p_O).collect();
-                let X_CO = config.camera.mount.X_WC(&robot.forward(&q)).inv_mul(&config.X_WO().unwrap());
+                let X_CO = config.camera.mount.X_WC(&robot, &q).inv_mul(&config.X_WO().unwrap());
                 vservo::sim::perfect_measurement(&points, &X_CO, now)
             });
             faults.extend(control.act(now, m.as_ref()).fault);

@@ -84,12 +84,12 @@ fn the_start_is_far_from_the_goal() {
     use vservo::config::Config;
     for arm in SIX_DOF {
         let c = Config::load(Some(&file(arm)), &[]).unwrap();
-        let X_BE = vservo::dispatch_robot!(c.robot, |robot| {
-            robot.forward(&nalgebra::SVector::from_column_slice(&c.start.q))
+        let X_BC = vservo::dispatch_robot!(c.robot, |robot| {
+            c.camera.mount.X_BC(&robot, &nalgebra::SVector::from_column_slice(&c.start.q))
         })
         .unwrap();
         // X_DC = X_DO X_OB X_BC
-        let X_DC = c.set_point.X_DO().unwrap() * c.X_WO().unwrap().inverse() * c.camera.mount.X_WC(&X_BE);
+        let X_DC = c.set_point.X_DO().unwrap() * c.X_WO().unwrap().inverse() * X_BC;
         let turn = X_DC.rotation.scaled_axis();
         assert!((X_DC.translation.vector.norm() - 0.3).abs() < 0.01, "{arm}: {X_DC}");
         assert!(turn.iter().all(|angle| angle.abs() > 0.1), "{arm}: {turn}");

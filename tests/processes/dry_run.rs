@@ -50,7 +50,7 @@ fn nothing_moves_and_the_request_stays_that_of_the_first_view() {
     let robot = config.robot.build::<4>().unwrap();
     let q_start = config.start.q.clone();
     let mut control = assemble::control_loop(&config, robot.clone()).unwrap();
-    let X_WC = config.camera.mount.X_WC(&robot.forward(&nalgebra::SVector::from_row_slice(&q_start)));
+    let X_WC = config.camera.mount.X_WC(&robot, &nalgebra::SVector::from_row_slice(&q_start));
     let X_CO = X_WC.inv_mul(&config.scene.as_ref().unwrap().X_WO);
     let points: Vec<_> = config.target.points().iter().map(|p| p.p_O).collect();
     let (mut seen, mut finish) = (None, None);

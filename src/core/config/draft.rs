@@ -8,7 +8,7 @@ use super::{Config, ConfigError, DEFAULT_TOML, Document, Problem, SHIPPED_FILES,
 use super::{lens_file, pose_forms, stereo, tables, validate};
 use crate::geometry::{Pose, roll_pitch_yaw};
 use crate::input::{file, nearest};
-use crate::robot::Mount;
+use crate::robot::{Mount, RobotDescription};
 use std::path::{Path, PathBuf};
 
 /// A run file with its defaults and absolute paths, and where each key stands.
@@ -148,14 +148,16 @@ impl Draft {
         self.raw.servo.set_point.kind
     }
 
-    /// Where the first camera is mounted.
+    /// Where the first camera is mounted on `robot`. On a link that this has not, it counts as on the flange; [`Self::validate`] tells.
     #[must_use]
-    pub fn mount(&self) -> Mount {
+    pub fn mount(&self, robot: &RobotDescription) -> Mount {
         let camera = self.raw.cameras.first().unwrap_or(&self.raw.camera);
         let X = pose(camera.mount.position_m, camera.mount.rotation_rpy_rad);
-        match camera.mount.kind {
-            MountKind::EyeInHand => Mount::EyeInHand { X_EC: X },
-            MountKind::EyeToHand => Mount::EyeToHand { X_BC: X },
+        let link = camera.mount.link.as_deref().and_then(|name| robot.joints_to_link(name));
+        match (camera.mount.kind, link) {
+            (MountKind::EyeInHand, Some(joints)) => Mount::EyeOnLink { joints, X_LC: X },
+            (MountKind::EyeInHand, None) => Mount::EyeInHand { X_EC: X },
+            (MountKind::EyeToHand, _) => Mount::EyeToHand { X_BC: X },
         }
     }
 

@@ -1,7 +1,7 @@
 //! The gains of the servo laws (in a run file a number, a list for a diagonal, or a matrix row by row), and the law with its gains.
 
 use super::check::Validation;
-use super::raw::{DampingOn, Depth, FeatureGain, Gains, RawServo, SchemeKind};
+use super::raw::{DampingOn, Depth, FeatureGain, Gains, PoseFrom, RawServo, SchemeKind};
 use crate::messages::MAX_JOINTS;
 pub(super) use crate::mission::requests::GAIN_1_S;
 use crate::servo::{
@@ -55,7 +55,9 @@ impl<const M: usize> GainForm<M> {
 /// The law; an image-based one compares `numbers` numbers.
 pub(super) fn law(s: &RawServo, numbers: Option<usize>, check: &mut Validation<'_>) -> Law {
     let orientation = s.orientation_error;
+    let position_based = matches!(s.scheme, SchemeKind::PositionPd | SchemeKind::PositionResolvedVelocity);
     let space = match s.dimension {
+        6 if s.pose_from == PoseFrom::Homography && position_based => OperationalSpace::Homography,
         4 => OperationalSpace::Four,
         6 => OperationalSpace::Six,
         other => {

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 word! {
     /// Where the camera is mounted.
     MountKind {
-        /// On the flange.
+        /// On the arm: on the flange, or on a link.
         EyeInHand,
         /// Fixed in the base frame; the flange carries the target.
         EyeToHand,
@@ -13,10 +13,13 @@ word! {
 }
 
 pose_table! {
-    /// Pose of the camera: in the flange frame, or in the base frame for `eye_to_hand`.
+    /// Pose of the camera: in the flange frame or in that of a link, or in the base frame for `eye_to_hand`.
     RawMount {
         /// Kind.
         kind: MountKind = MountKind::EyeInHand,
+        /// The link of the arm that carries the camera, by its name or that of the joint before it; left out: the flange.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        link: Option<String> = None,
         /// Position, m.
         position_m: [f64; 3] = [0.0; 3],
         /// Roll, pitch, yaw, rad.

@@ -28,7 +28,7 @@ pub(super) use faults::{FaultKind, RawFault};
 pub use motion::JointControl;
 pub(super) use motion::RawMotion;
 pub use named_goal::{RawNamedGoal, RawPosture};
-pub(super) use servo::{AreaKind, DampingOn, Depth, FeatureGain, Gains, RawServo};
+pub(super) use servo::{AreaKind, DampingOn, Depth, FeatureGain, Gains, PoseFrom, RawServo};
 pub use servo::{SchemeKind, SetPointKind};
 pub(super) use stereo::{RawStereo, RawTaughtPoint, RawTaughtView};
 pub(super) use truth::{RawTrueArm, RawTrueCamera, RawTrueLens, RawTrueTarget};

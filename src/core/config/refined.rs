@@ -2,8 +2,6 @@
 
 use super::Config;
 use crate::calibration::from_run::RunRefinement;
-use crate::geometry::Pose;
-use crate::robot::Mount;
 use nalgebra::Rotation3;
 
 impl Config {
@@ -35,10 +33,7 @@ impl Config {
         (lens.fx_px, lens.fy_px) = (new.fx_px, new.fy_px);
         (lens.cx_px, lens.cy_px) = (Some(new.cx_px), Some(new.cy_px));
         lens.k1 = k1(&found.camera);
-        let X: Pose = match found.mount {
-            Mount::EyeInHand { X_EC } => X_EC,
-            Mount::EyeToHand { X_BC } => X_BC,
-        };
+        let X = *found.mount.pose();
         let (roll, pitch, yaw) = Rotation3::from(X.rotation).euler_angles();
         raw.camera.mount.position_m = X.translation.vector.into();
         raw.camera.mount.rotation_rpy_rad = [roll, pitch, yaw];

@@ -1,7 +1,7 @@
 //! Features that an image-based law compares: `servo.points`, `servo.segments`, `servo.area` and their weights.
 
 use super::check::Validation;
-use super::raw::{AreaKind, RawServo, SchemeKind};
+use super::raw::{AreaKind, PoseFrom, RawServo, SchemeKind};
 use crate::servo::{
     DepthSource, FeatureKind, Interaction, InteractionAt, Law, OutlineFeature, Selection, SetPoint, View,
     image_task,
@@ -62,6 +62,22 @@ pub(super) fn selection(s: &RawServo, points: usize, check: &mut Validation<'_>)
     let used = selection.points().count();
     if s.scheme == SchemeKind::Hybrid && s.dimension == 6 && used < 4 {
         check.wrong("servo.points", format!("hybrid with servo.dimension = 6 needs 4 points, not {used}"));
+    }
+    if s.pose_from == PoseFrom::Homography {
+        let key = "servo.pose_from";
+        if !matches!(s.scheme, SchemeKind::PositionPd | SchemeKind::PositionResolvedVelocity) {
+            check.wrong(
+                key,
+                "is `homography`, for position_pd and position_resolved_velocity; hybrid goes by a homography anyway",
+            );
+        } else if s.dimension != 6 {
+            check.wrong(
+                key,
+                format!("is `homography`, which gives six numbers: servo.dimension is {}", s.dimension),
+            );
+        } else if used < 4 {
+            check.wrong(key, format!("is `homography`, which needs 4 points, not {used}"));
+        }
     }
     Some(selection)
 }

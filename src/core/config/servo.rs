@@ -5,7 +5,9 @@ use super::check::Validation;
 use super::estimation::{estimation, is_asked_for};
 use super::gains::{GAIN_1_S, law};
 use super::goal_path::path;
-use super::raw::{Depth, DriveKind, Gains, RawConfig, RawServo, SceneMotionKind, SchemeKind, SetPointKind};
+use super::raw::{
+    Depth, DriveKind, Gains, PoseFrom, RawConfig, RawServo, SceneMotionKind, SchemeKind, SetPointKind,
+};
 use super::selection::selection;
 use crate::drive::CommandMode;
 use crate::geometry::Pose;
@@ -124,6 +126,9 @@ fn in_space(raw: &RawConfig, selection: Option<&Selection>, check: &mut Validati
         check.wrong("servo.scheme", format!("`hybrid` goes by the homography of a plane, and {FLAT}"));
     } else if s.dimension == 4 && uses_dimension(s.scheme) {
         check.wrong("servo.dimension", format!("is 4, which {FLAT}"));
+    }
+    if s.pose_from == PoseFrom::Homography {
+        check.wrong("servo.pose_from", format!("is `homography`, which {FLAT}"));
     }
     if selection.is_some_and(Selection::needs_outline) {
         check.wrong("servo.area", FLAT);

@@ -8,7 +8,8 @@
 
 use super::check::{Validation, pose};
 use super::raw::{
-    AreaKind, Clock, RawConfig, RawMount, RawStereo, RawTaughtPoint, RawTaughtView, SetPointKind, Task,
+    AreaKind, Clock, PoseFrom, RawConfig, RawMount, RawStereo, RawTaughtPoint, RawTaughtView, SetPointKind,
+    Task,
 };
 use super::servo::uses_dimension;
 use super::{Camera, Document, Problem};
@@ -100,19 +101,13 @@ pub(super) fn right_mount(
     }
     // its numbers are checked with the rest of `[stereo]`
     let X_LR = pose(X.position_m, X.rotation_rpy_rad);
-    Some(match left {
-        Mount::EyeInHand { X_EC } => Mount::EyeInHand { X_EC: X_EC * X_LR },
-        Mount::EyeToHand { X_BC } => Mount::EyeToHand { X_BC: X_BC * X_LR },
-    })
+    Some(left.with_pose(left.pose() * X_LR))
 }
 
-/// Pose of one camera in another; `None` where only one of them is on the arm.
+/// Pose of one camera in another; `None` where they are not on the same body: flange, link or base.
 pub(super) fn between(left: &Mount, right: &Mount) -> Option<Pose> {
-    match (left, right) {
-        (Mount::EyeInHand { X_EC: l }, Mount::EyeInHand { X_EC: r })
-        | (Mount::EyeToHand { X_BC: l }, Mount::EyeToHand { X_BC: r }) => Some(l.inv_mul(r)),
-        _ => None,
-    }
+    let is_fixed = left.with_pose(*right.pose()) == *right;
+    is_fixed.then(|| left.pose().inv_mul(right.pose()))
 }
 
 /// Checks all of `[stereo]`, and its requirements on other tables.
@@ -198,6 +193,9 @@ fn of_the_run(raw: &RawConfig, check: &mut Validation<'_>) {
     }
     if raw.servo.dimension == 4 && uses_dimension(raw.servo.scheme) {
         check.wrong("servo.dimension", "must be 6 with [stereo]: 4 needs the target's own geometry");
+    }
+    if raw.servo.pose_from == PoseFrom::Homography {
+        check.wrong("servo.pose_from", "must be `measurement` with [stereo]: two images tell the scale");
     }
     for (key, is_given) in [
         ("servo.points", !raw.servo.points.is_empty()),

@@ -6,6 +6,7 @@ mod faults;
 mod held_torque;
 mod lens;
 mod motion;
+mod mount;
 mod names;
 mod scene_motion;
 mod start;
@@ -179,9 +180,14 @@ pub(super) fn validate(
     let before_arm = check.count_problems();
     let robot = start::arm(&raw, check);
     if let (Some((servo, set_point)), Some(robot)) = (&servo, &robot) {
-        doubtful_features(&servo.law, set_point, robot.joint_count(), check);
+        let all = robot.joint_count();
+        let joints = camera.as_ref().map_or(all, |camera| camera.mount.moving_joints(all));
+        doubtful_features(&servo.law, set_point, joints, check);
         if raw.stereo.is_none() && raw.servo.scheme != SchemeKind::LookAndMove {
-            doubtful_dimension(&servo.law, set_point, robot.joint_count(), check);
+            doubtful_dimension(&servo.law, set_point, joints, check);
+        }
+        if let Some(camera) = &camera {
+            mount::beyond_the_camera(&raw, (&camera.mount, robot), (&servo.law, set_point), check);
         }
     }
     let drive = drive::drive(&raw, robot.as_ref(), check);

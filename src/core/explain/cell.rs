@@ -14,7 +14,6 @@
 use super::{Cause, RunEvidence, RunFinding, median};
 use crate::control::outcome::Outcome;
 use crate::mission::residual::OUT_OF_REACH;
-use crate::robot::Mount;
 use nalgebra::{DMatrix, DVector, Matrix3, Quaternion, UnitQuaternion, Vector3};
 
 /// Spread below which a cell is as described, m, root mean square. Chosen by hand: twenty times what the simulated camera's noise makes of it, and what
@@ -43,7 +42,7 @@ pub(super) fn findings(evidence: &RunEvidence) -> Vec<RunFinding> {
     let mut found = Vec::from_iter(lens(evidence));
     found.extend(depth(evidence));
     // Of a target on the flange the report does not have the flange's orientation.
-    if matches!(evidence.config.camera.mount, Mount::EyeInHand { .. }) && evidence.config.closes_the_loop() {
+    if evidence.config.camera.mount.is_on_arm() && evidence.config.closes_the_loop() {
         let places = places(evidence);
         found.extend(at_rest(evidence, &places));
     }

@@ -81,7 +81,7 @@ pub(super) fn why_it_stays(
     };
     let compares_tilt = match law {
         Law::PositionTorque { space, .. } | Law::PositionVelocity { space, .. } => {
-            *space == OperationalSpace::Six
+            matches!(space, OperationalSpace::Six | OperationalSpace::Homography)
         }
         _ => false,
     };

@@ -22,6 +22,6 @@ impl<const N: usize> Truth<N> {
     #[must_use]
     pub fn X_CT(&self, target: u32, q: &SVector<f64, N>, since: SpanNs) -> Option<Pose> {
         let (X_WO, motion) = self.objects.get(target as usize)?;
-        Some(self.mount.X_WC(&self.robot.forward(q)).inv_mul(&motion.object_at(X_WO, since)))
+        Some(self.mount.X_WC(&self.robot, q).inv_mul(&motion.object_at(X_WO, since)))
     }
 }

@@ -53,6 +53,7 @@ impl RobotDescription {
             name: self.name.clone(),
             joint_names: joints.map(|joint| joint.name.clone()),
             bodies,
+            links: X_link.map(|X| (*X.rotation.to_rotation_matrix().matrix(), X.translation.vector)),
             limits: joints.map(|joint| joint.limits),
             friction: joints.map(|joint| joint.friction),
             R_flange: *X_flange.rotation.to_rotation_matrix().matrix(),

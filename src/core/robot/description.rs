@@ -84,6 +84,12 @@ impl RobotDescription {
         self.joints.len()
     }
 
+    /// The number of joints from the base to the link that is called `name`, or that stands behind the joint of that name; from 1.
+    #[must_use]
+    pub fn joints_to_link(&self, name: &str) -> Option<usize> {
+        self.joints.iter().position(|joint| joint.link == name || joint.name == name).map(|i| i + 1)
+    }
+
     /// The same arm with `mass` times the masses and inertias of its links, and `friction` times the friction of its joints;
     /// motors stay as they are.
     #[must_use]

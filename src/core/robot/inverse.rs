@@ -128,12 +128,14 @@ fn free_velocity<const N: usize>(
         }
     }
     let rest = V - J * start;
-    let free = is_held.iter().filter(|&&held| !held).count();
+    // A joint beyond the camera, whose column is zero, does nothing for the twist: it goes by its preferred velocity.
+    let idle: [bool; N] = std::array::from_fn(|i| J_free.column(i).iter().all(|x| *x == 0.0));
+    let free = idle.iter().filter(|&&idle| !idle).count();
     let (step, s, damping) = if free < 6 {
-        // Fewer joints than directions: the normal matrix over the joints has full rank; ones stand in for the held.
+        // Fewer joints than directions: the normal matrix over the joints has full rank; ones stand in for the idle.
         let mut G = J_free.transpose() * J_free;
         for i in 0..N {
-            if is_held[i] {
+            if idle[i] {
                 G[(i, i)] = 1.0;
             }
         }

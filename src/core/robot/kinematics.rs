@@ -123,13 +123,41 @@ impl<const N: usize> Robot<N> {
         let X_BC = pose(&R_BE, &p_E) * X_EC;
         let mut J = self.columns(&frames, &X_BC.translation.vector);
         if expressed_in == ExpressedIn::Moving {
-            let R_CB = X_BC.rotation.to_rotation_matrix().inverse();
-            for mut column in J.column_iter_mut() {
-                let v = mul(R_CB.matrix(), &Vector3::new(column[0], column[1], column[2]));
-                let w = mul(R_CB.matrix(), &Vector3::new(column[3], column[4], column[5]));
-                column.copy_from(&Twist::new(v.x, v.y, v.z, w.x, w.y, w.z));
-            }
+            turn_into(&X_BC, &mut J);
         }
+        (X_BC, J)
+    }
+
+    /// Orientation and origin in B of the frame of the link behind the first `joints` joints, as the robot file places it; from 1.
+    #[inline(always)]
+    fn link(&self, frames: &BodyFrames<N>, joints: usize) -> Pose {
+        let i = joints.clamp(1, N) - 1;
+        match (frames.R.get(i), frames.p.get(i), self.links.get(i)) {
+            (Some(R), Some(p), Some((R_ML, p_ML))) => pose(&mul_mat(R, R_ML), &(p + mul(R, p_ML))),
+            _ => Pose::identity(), // of an arm without joints
+        }
+    }
+
+    /// The pose `X_BL` of the link behind the first `joints` joints, counted from 1; its frame is that of the robot file.
+    #[must_use]
+    pub fn forward_to_link(&self, q: &SVector<f64, N>, joints: usize) -> Pose {
+        self.link(&self.frames(q, &self.trig(q)), joints)
+    }
+
+    /// Pose `X_BC` of a frame that sits at `X_LC` on the link behind the first `joints` joints, and its Jacobian, 6 x N, which gives `V_BC` expressed in C.
+    /// The columns of the joints beyond are zero.
+    #[must_use]
+    pub fn forward_and_jacobian_on_link(
+        &self,
+        q: &SVector<f64, N>,
+        joints: usize,
+        X_LC: &Pose,
+    ) -> (Pose, SMatrix<f64, 6, N>) {
+        let frames = self.frames(q, &self.trig(q));
+        let X_BC = self.link(&frames, joints) * X_LC;
+        let mut J = self.columns(&frames, &X_BC.translation.vector);
+        J.column_iter_mut().skip(joints).for_each(|mut column| column.fill(0.0));
+        turn_into(&X_BC, &mut J);
         (X_BC, J)
     }
 
@@ -142,6 +170,17 @@ impl<const N: usize> Robot<N> {
         expressed_in: ExpressedIn,
     ) -> SMatrix<f64, 6, N> {
         self.forward_and_jacobian_of_frame(q, X_EC, expressed_in).1
+    }
+}
+
+/// Expresses a Jacobian in B in the frame C.
+#[inline(always)]
+fn turn_into<const N: usize>(X_BC: &Pose, J: &mut SMatrix<f64, 6, N>) {
+    let R_CB = X_BC.rotation.to_rotation_matrix().inverse();
+    for mut column in J.column_iter_mut() {
+        let v = mul(R_CB.matrix(), &Vector3::new(column[0], column[1], column[2]));
+        let w = mul(R_CB.matrix(), &Vector3::new(column[3], column[4], column[5]));
+        column.copy_from(&Twist::new(v.x, v.y, v.z, w.x, w.y, w.z));
     }
 }
 

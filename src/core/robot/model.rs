@@ -96,6 +96,8 @@ pub struct Robot<const N: usize> {
     pub(super) bodies: [Body; N],
     pub(super) limits: [JointLimits; N],
     pub(super) friction: [Friction; N],
+    /// Orientation and origin of each link's frame, as the robot file places it, in its body's frame.
+    pub(super) links: [(Matrix3<f64>, Vector3<f64>); N],
     /// The flange in the last body's frame.
     pub(super) R_flange: Matrix3<f64>,
     pub(super) p_flange: Vector3<f64>,

@@ -2,7 +2,7 @@
 
 use crate::geometry::Pose;
 use crate::messages::{JointState, joint_flag};
-use crate::robot::{JointHistory, Robot};
+use crate::robot::{JointHistory, Mount, Robot};
 use crate::time::MonoNs;
 use nalgebra::SVector;
 
@@ -30,10 +30,10 @@ impl<const N: usize> ArmHistory<N> {
         self.joints.push(state.stamp, &vector(q), &vector(qd));
     }
 
-    /// The flange's pose `X_BE` at `time`.
+    /// The pose at `time` of a camera at `mount`, in the frame W in which the object rests.
     #[must_use]
-    pub fn flange(&self, time: MonoNs) -> Pose {
-        self.robot.forward(&self.joints.joints(time).unwrap_or(self.q_start))
+    pub fn X_WC(&self, mount: &Mount, time: MonoNs) -> Pose {
+        mount.X_WC(&self.robot, &self.joints.joints(time).unwrap_or(self.q_start))
     }
 }
 
@@ -46,16 +46,18 @@ mod tests {
         let robot = crate::robot::load("scara").unwrap().build::<4>().unwrap();
         let q_start = SVector::from_column_slice(&[0.0, 1.0, 0.5, 0.0]);
         let mut h = ArmHistory::new(robot.clone(), q_start);
-        assert_eq!(h.flange(MonoNs(5)), robot.forward(&q_start));
+        let mount = Mount::EyeInHand { X_EC: Pose::translation(0.0, 0.0, 0.1) };
+        assert_eq!(h.X_WC(&mount, MonoNs(5)), mount.X_WC(&robot, &q_start));
         let mut s =
             JointState { stamp: MonoNs(10), joints: 4, flags: joint_flag::TRUTH, ..JointState::default() };
         s.q_true[0] = 0.5;
         s.q[0] = 99.0;
         h.push(&s);
-        assert_eq!(h.flange(MonoNs(10)), robot.forward(&SVector::from_column_slice(&[0.5, 0.0, 0.0, 0.0])));
+        let turned = |q1: f64| mount.X_WC(&robot, &SVector::from_column_slice(&[q1, 0.0, 0.0, 0.0]));
+        assert_eq!(h.X_WC(&mount, MonoNs(10)), turned(0.5));
         s.flags = 0;
         s.stamp = MonoNs(20);
         h.push(&s);
-        assert_eq!(h.flange(MonoNs(20)), robot.forward(&SVector::from_column_slice(&[99.0, 0.0, 0.0, 0.0])));
+        assert_eq!(h.X_WC(&mount, MonoNs(20)), turned(99.0));
     }
 }

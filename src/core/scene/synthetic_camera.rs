@@ -93,7 +93,7 @@ impl<const N: usize> SyntheticCamera<N> {
     /// The target of this number in the camera; the first one, `offset` after the middle of the exposure.
     fn view(&self, number: usize, exposure: &Exposure, offset: SpanNs) -> Pose {
         let time = exposure.mid + offset;
-        self.mount.X_WC(&self.history.flange(time)).inv_mul(&self.object(number, time))
+        self.history.X_WC(&self.mount, time).inv_mul(&self.object(number, time))
     }
 
     /// Where the target of this number is at `time`, in the frame in which it rests.

@@ -35,6 +35,8 @@ pub struct Displacement {
     pub n_D: Vector3<f64>,
     /// d_c / d_d = det H, (10.95).
     pub distance_ratio: f64,
+    /// Position of the desired camera in the current one, over d_d.
+    pub p_CD_C_over_d: Vector3<f64>,
 }
 
 impl Displacement {
@@ -57,9 +59,10 @@ impl Displacement {
                     R_CD: rotation_z(fit.angle_rad),
                     n_D: Vector3::z(),
                     distance_ratio: 1.0 / fit.scale,
+                    p_CD_C_over_d: (fit.offset / fit.scale).push(1.0 / fit.scale - 1.0),
                 })
             }
-            OperationalSpace::Six => {
+            OperationalSpace::Six | OperationalSpace::Homography => {
                 let none = Vector2::zeros();
                 let mut seen = [Correspondence { r: none, s: none }; MAX_FEATURES];
                 let mut desired = [none; MAX_FEATURES];
@@ -75,7 +78,8 @@ impl Displacement {
                 // det H of (10.95), by way of the matrix determinant lemma.
                 let n_C = best.R_12 * best.n_2;
                 let distance_ratio = 1.0 + n_C.dot(&best.p_12_1_over_d2);
-                Some(Self { R_CD: best.R_12, n_D: best.n_2, distance_ratio })
+                let p_CD_C_over_d = best.p_12_1_over_d2;
+                Some(Self { R_CD: best.R_12, n_D: best.n_2, distance_ratio, p_CD_C_over_d })
             }
         }
     }

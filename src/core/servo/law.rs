@@ -282,7 +282,7 @@ impl Law {
             | Self::PositionVelocity { space, .. }
             | Self::Hybrid { space, .. } => match space {
                 OperationalSpace::Four => 2,
-                OperationalSpace::Six => 4,
+                OperationalSpace::Six | OperationalSpace::Homography => 4,
             },
             Self::ImageTorque { .. } | Self::PreconditionedTorque { .. } | Self::ImageVelocity { .. } => 1,
         };

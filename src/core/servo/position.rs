@@ -1,12 +1,14 @@
 //! Schemes A and B: position-based laws, (10.68)-(10.77), as a task for the camera's twist.
 //!
-//! Data flow: the pose `X_CO` of the view (or, for m = 4, one from its image points) and the desired pose `X_DO` give the operational space error x~; scheme A
+//! Data flow: the pose `X_CO` of the view (or one from its image points: for m = 4, or up to scale by a homography) and the desired pose `X_DO` give the operational space error x~; scheme A
 //! makes a wrench of it, scheme B a twist, both expressed in C.
 //!
 //! With the camera's twist expressed in C instead of B, (10.71) reads `x~_dot = -E V_WC_C`,
 //! `E = T_A^-1(phi_dc) diag(R_DC, R_DC)`, and `J_Ad = E J` is (10.73). Both mounts and m = 4 follow from J alone.
 
-use super::{GainMatrix, OrientationError, SetPoint, TwistTask, View, WrenchTask, fit_similarity};
+use super::{
+    Displacement, GainMatrix, OrientationError, SetPoint, TwistTask, View, WrenchTask, fit_similarity,
+};
 use crate::geometry::{Pose, rotation_z};
 use nalgebra::{Matrix6, Rotation3, Translation3, UnitQuaternion, Vector3, Vector6};
 
@@ -28,6 +30,9 @@ pub enum OperationalSpace {
     /// m = 4, (10.33): x, y, z and a rotation about the optical axis, from two and more image points of a plane that is
     /// parallel to the image. The optimum of (10.36) in closed form.
     Four,
+    /// m = 6, up to scale, by the closing remark of Sect. 10.8: the displacement from the desired camera, by the homography between the desired image and this one. Lengths
+    /// are those of the desired pose, whatever the object's size: the position error is too large or too small by the ratio of both, and zero at the goal.
+    Homography,
 }
 
 /// The operational space error of (10.69).
@@ -101,7 +106,20 @@ pub fn operational_pose(set_point: &SetPoint, view: &View, space: OperationalSpa
     match space {
         OperationalSpace::Six => view.X_CO().copied(),
         OperationalSpace::Four => planar_pose_4(set_point, view),
+        OperationalSpace::Homography => displaced_pose(set_point, view),
     }
+}
+
+/// `X_CO = X_CD X_DO` with the displacement `X_CD` of the camera from the homography, in units of the distance of the plane from the desired camera, which the
+/// desired pose tells.
+fn displaced_pose(set_point: &SetPoint, view: &View) -> Option<Pose> {
+    let displacement = Displacement::new(set_point, view, OperationalSpace::Homography)?;
+    let i = set_point.selection().points().find(|i| view.feature(*i).is_some())?;
+    let (s_d, z_d) = (set_point.features().get(i)?, set_point.depths_m().get(i)?);
+    let d_d = z_d * displacement.n_D.dot(&s_d.push(1.0));
+    let R_CD = UnitQuaternion::from_rotation_matrix(&displacement.R_CD);
+    let X_CD = Pose::from_parts((displacement.p_CD_C_over_d * d_d).into(), R_CD);
+    Some(X_CD * set_point.X_DO()?)
 }
 
 /// `X_CO` with `R_CO = Rz(alpha)` from the visible points of the selection, which must have one height over O.

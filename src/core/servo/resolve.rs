@@ -3,7 +3,8 @@
 //! Every resolved-velocity law states rows `L V = r` for the camera's twist V; its task holds their 6 x 6 normal equations, so that the k x 6 matrix
 //! is never formed. With `V = J qd` the joint velocity solves
 //! `(J^T L^T L J) qd = J^T L^T r`. With six joints this is (10.90) after (10.91); with fewer it is the least-squares
-//! solution among the motions of which the arm is capable, which for the SCARA and two points is (10.87) itself.
+//! solution among the motions of which the arm is capable, which for the SCARA and two points is (10.87) itself. Joints beyond a camera on a link
+//! have columns of zeros in J: they rest, and the others have the solution of an arm that ends at the camera.
 //!
 //! Every torque law is a wrench on the camera and a damping of its twist: `u = g + J^T (h - D J qd)`.
 
@@ -82,14 +83,12 @@ pub fn joint_velocity<const N: usize>(
     gain_1_s: f64,
     J: &CameraJacobian<N>,
 ) -> Option<SVector<f64, N>> {
-    unit_joint_velocity(task, J.matrix()).map(|qd| qd * gain_1_s)
+    unit_joint_velocity(task, J).map(|qd| qd * gain_1_s)
 }
 
-fn unit_joint_velocity<const N: usize>(
-    task: &TwistTask,
-    J_C: &SMatrix<f64, 6, N>,
-) -> Option<SVector<f64, N>> {
-    if N > 6 {
+fn unit_joint_velocity<const N: usize>(task: &TwistTask, J: &CameraJacobian<N>) -> Option<SVector<f64, N>> {
+    let J_C = J.matrix();
+    if J.moving_joints() > 6 {
         return redundant_joint_velocity(task, J_C);
     }
     let AJ = task.matrix * J_C;
@@ -100,10 +99,17 @@ fn unit_joint_velocity<const N: usize>(
             *entry = J_C.column(i).dot(&AJ.column(j));
         }
     }
+    // Joints that do not move the camera rest, and do not count as directions that are to be damped.
+    let largest = matrix.iter().enumerate().filter_map(|(i, row)| row.get(i)).copied().fold(0.0, f64::max);
+    for (i, row) in matrix.iter_mut().enumerate() {
+        if let (Some(entry), false) = (row.get_mut(i), J.is_moved_by(i)) {
+            *entry = largest;
+        }
+    }
     solve_damped(&matrix, &b.into()).map(SVector::from)
 }
 
-/// More joints than the task: the camera twist of (10.91), and the smallest joint velocity that gives it.
+/// More joints that move the camera than the task needs: the camera twist of (10.91), and the smallest joint velocity that gives it.
 fn redundant_joint_velocity<const N: usize>(
     task: &TwistTask,
     J_C: &SMatrix<f64, 6, N>,

@@ -291,7 +291,7 @@ impl Bound {
 fn mobility<const N: usize>(J: &CameraJacobian<N>) -> Option<Matrix6<f64>> {
     let turn = 1.0 / (TURN_M * TURN_M);
     let all = Vector6::new(1.0, 1.0, 1.0, turn, turn, turn);
-    if N >= 6 {
+    if J.moving_joints() >= 6 {
         return Some(Matrix6::from_diagonal(&all));
     }
     let J = J.matrix();

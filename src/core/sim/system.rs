@@ -337,7 +337,7 @@ impl<const N: usize> System<'_, N> {
             q: q.as_slice(),
             qd: qd.as_slice(),
             X_WC,
-            X_WC_exposure: then.map_or(X_WC, |q| mount.X_WC(&robot.forward(&q))),
+            X_WC_exposure: then.map_or(X_WC, |q| mount.X_WC(robot, &q)),
             J: &std::array::from_fn::<[f64; 6], N, _>(|joint| J.matrix().column(joint).into_owned().into()),
         })?;
         let motion = match command {

@@ -52,7 +52,7 @@ impl<const N: usize> Carrier for ArmCarrier<N> {
     }
 
     fn X_WC(&self, time: MonoNs) -> Option<Pose> {
-        Some(self.mount.X_WC(&self.robot.forward(&self.joints.joints(time)?)))
+        Some(self.mount.X_WC(&self.robot, &self.joints.joints(time)?))
     }
 }
 

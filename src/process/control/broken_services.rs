@@ -43,8 +43,7 @@ struct FakeCell {
 impl FakeCell {
     fn view(&self, tick: u64, exposure: MonoNs) -> Measurement {
         let robot = self.config.robot.build::<N>().unwrap();
-        let X_CO =
-            self.config.camera.mount.X_WC(&robot.forward(&self.q)).inv_mul(&self.config.X_WO().unwrap());
+        let X_CO = self.config.camera.mount.X_WC(&robot, &self.q).inv_mul(&self.config.X_WO().unwrap());
         let points_O: Vec<_> = self.config.target.points().iter().map(|point| point.p_O).collect();
         let frame_id = self.config.camera.schedule.frame_at(tick).unwrap_or(tick);
         Measurement { frame_id, ..perfect_measurement(&points_O, &X_CO, exposure).unwrap() }

@@ -6,7 +6,6 @@ use crate::mission::{LockstepRun, Mission};
 use crate::process::report_folder::{GOAL, MEASUREMENTS, POSES, TRACE};
 use crate::process::{Membership, ProcessError, ReportFolder};
 use crate::report::history::{PostureFacts, RunHistory};
-use crate::robot::Mount;
 use crate::servo::SetPoint;
 use crate::time::SpanNs;
 use nalgebra::{DMatrix, SMatrix, SVector, Vector3};
@@ -57,7 +56,7 @@ pub(super) fn texts<'a, const N: usize>(
     let robot = &run.controller().arm().robot;
     let places = move |q: &[f64]| {
         let X_BE = robot.forward(&joints(q));
-        let X_BC = camera(&config.camera.mount, &X_BE);
+        let X_BC = config.camera.mount.X_BC(robot, &joints(q));
         let (p, r) = (X_BC.translation.vector, X_BC.rotation.coords);
         PostureFacts {
             p_BE: X_BE.translation.vector.into(),
@@ -80,13 +79,6 @@ fn min_singular_value<const N: usize>(J: &SMatrix<f64, 6, N>) -> f64 {
 
 fn joints<const N: usize>(q: &[f64]) -> SVector<f64, N> {
     SVector::from_fn(|i, _| q.get(i).copied().unwrap_or(0.0))
-}
-
-fn camera(mount: &Mount, X_BE: &Pose) -> Pose {
-    match mount {
-        Mount::EyeInHand { X_EC } => X_BE * X_EC,
-        Mount::EyeToHand { X_BC } => *X_BC,
-    }
 }
 
 /// Where each point of each target is to be in the image, by its last goal.
@@ -121,7 +113,7 @@ fn poses<const N: usize>(config: &Config, run: &LockstepRun<N>, history: &RunHis
     for (when, q, at) in [("start", first, SpanNs::ZERO), ("end", last, span)] {
         let q = joints(q);
         let X_BE = robot.forward(&q);
-        let X_BC = camera(&config.camera.mount, &X_BE);
+        let X_BC = config.camera.mount.X_BC(robot, &q);
         pose(&mut out, &format!("E_{when}"), &X_BE);
         pose(&mut out, &format!("C_{when}"), &X_BC);
         for (i, p) in robot.joint_origins(&q).into_iter().enumerate() {
@@ -131,9 +123,9 @@ fn poses<const N: usize>(config: &Config, run: &LockstepRun<N>, history: &RunHis
             let X_WO = config.scene.as_ref().map(|scene| {
                 scene.places().nth(number as usize).map(|(X_WO, motion)| motion.object_at(&X_WO, at))
             });
-            match (X_WO, config.camera.mount) {
-                (Some(X_WO), Mount::EyeInHand { .. }) => X_WO,
-                (Some(X_WO), Mount::EyeToHand { .. }) => X_WO.map(|X_WO| X_BE * X_WO),
+            match (X_WO, config.camera.mount.is_on_arm()) {
+                (Some(X_WO), true) => X_WO,
+                (Some(X_WO), false) => X_WO.map(|X_WO| X_BE * X_WO),
                 // As the last measurement has it, of an arm that rests by then; what was looked for before was seen from elsewhere.
                 (None, _) => history.last_pose(number).filter(|_| when == "end").map(|X_CO| X_BC * X_CO),
             }

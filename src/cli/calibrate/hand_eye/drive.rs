@@ -19,8 +19,8 @@ const SETTINGS: [&str; 2] = ["run.task=calibrate_hand_eye", "run.clock=lockstep"
 
 fn place_of(mount: &Mount) -> (CameraMount, Pose) {
     match mount {
-        Mount::EyeInHand { X_EC } => (CameraMount::EyeInHand, *X_EC),
-        Mount::EyeToHand { X_BC } => (CameraMount::EyeToHand, *X_BC),
+        Mount::EyeInHand { .. } | Mount::EyeOnLink { .. } => (CameraMount::EyeInHand, *mount.pose()),
+        Mount::EyeToHand { .. } => (CameraMount::EyeToHand, *mount.pose()),
     }
 }
 

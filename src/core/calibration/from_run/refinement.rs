@@ -139,7 +139,7 @@ impl RunRefinement {
     ) -> Option<f64> {
         let (a, b) = (told.0.intrinsics(), truth.0.intrinsics());
         let aspect = |i: &Intrinsics| (i.fy_px / i.fx_px).ln();
-        let xi = log_of(&pose_of(told.1).inv_mul(&pose_of(truth.1)));
+        let xi = log_of(&told.1.pose().inv_mul(truth.1.pose()));
         let f = a.fx_px;
         let mut true_at = SVector::<f64, TOLD>::zeros();
         let lens = [
@@ -188,13 +188,6 @@ fn told_places() -> [usize; TOLD] {
     })
 }
 
-fn pose_of(mount: &Mount) -> Pose {
-    match mount {
-        Mount::EyeInHand { X_EC } => *X_EC,
-        Mount::EyeToHand { X_BC } => *X_BC,
-    }
-}
-
 /// The twist `[v; w]` by which a body moves in unit time from the identity to `X`.
 pub(super) fn log_of(X: &Pose) -> [f64; 6] {
     let w = X.rotation.scaled_axis();
@@ -232,7 +225,7 @@ fn numbers<const N: usize>(
     add("camera.lens.cx_px", told.cx_px, refined.cx_px, f * PRIOR[2], f * sd(2), ROLL);
     add("camera.lens.cy_px", told.cy_px, refined.cy_px, f * PRIOR[3], f * sd(3), ROLL);
     add("camera.lens.k1", first_radial(cell.camera), first_radial(camera), PRIOR[4], sd(4), CORNERS);
-    let (X, Y) = (pose_of(cell.mount), pose_of(&mount_of(cell.mount, at)));
+    let (X, Y) = (*cell.mount.pose(), *mount_of(cell.mount, at).pose());
     // The prior is the same in all directions, so that it is that of the axes of the frame that bears the camera, too.
     let R = X.rotation.to_rotation_matrix();
     let v: Matrix3<f64> = covariance.fixed_view::<3, 3>(MOUNT, MOUNT).into_owned();

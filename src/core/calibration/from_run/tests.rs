@@ -45,8 +45,7 @@ fn run(truth: &TrueCell, told: &Mount, amplitude: f64, random: &mut Random) -> R
     };
     let corners = [(-0.06, -0.05), (0.05, -0.05), (0.05, 0.05), (-0.05, 0.05)];
     let points = corners.map(|(x, y)| Point3::new(x, y, 0.0));
-    let X_WO =
-        told.X_WC(&robot.forward(&q)) * Pose::new(Vector3::new(0.0, 0.0, 0.5), Vector3::new(0.4, 0.2, 0.1));
+    let X_WO = told.X_WC(&robot, &q) * Pose::new(Vector3::new(0.0, 0.0, 0.5), Vector3::new(0.4, 0.2, 0.1));
     let mut run = RunViews::default();
     for ms in 0..6000 {
         let (q, qd) = joints(f64::from(ms) * 1e-3);
@@ -54,7 +53,7 @@ fn run(truth: &TrueCell, told: &Mount, amplitude: f64, random: &mut Random) -> R
     }
     for frame in 5..145 {
         let s = f64::from(frame) * 0.04;
-        let X_CO = truth.mount.X_WC(&robot.forward(&joints(s).0)).inv_mul(&X_WO);
+        let X_CO = truth.mount.X_WC(&robot, &joints(s).0).inv_mul(&X_WO);
         let seen = points.iter().filter_map(|p| {
             let px = truth.camera.project(&(X_CO * Point3::from(p.coords * truth.size)))?;
             let noise = Vector2::new(random.gaussian(), random.gaussian()) * NOISE_PX;

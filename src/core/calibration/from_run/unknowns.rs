@@ -29,8 +29,5 @@ pub(super) fn lens_of(camera: &CameraModel, at: &RunUnknowns) -> Option<CameraMo
 /// The mount of the unknowns.
 pub(super) fn mount_of(mount: &Mount, at: &RunUnknowns) -> Mount {
     let xi: Twist = at.fixed_rows::<6>(MOUNT).into();
-    match mount {
-        Mount::EyeInHand { X_EC } => Mount::EyeInHand { X_EC: integrate_body_twist(X_EC, &xi, 1.0) },
-        Mount::EyeToHand { X_BC } => Mount::EyeToHand { X_BC: integrate_body_twist(X_BC, &xi, 1.0) },
-    }
+    mount.with_pose(integrate_body_twist(mount.pose(), &xi, 1.0))
 }

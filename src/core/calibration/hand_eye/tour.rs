@@ -136,14 +136,11 @@ fn turn(k: usize, share: f64) -> UnitQuaternion<f64> {
 
 impl<const N: usize> TourCell<'_, N> {
     fn place(&self) -> CameraMount {
-        match self.mount {
-            Mount::EyeInHand { .. } => CameraMount::EyeInHand,
-            Mount::EyeToHand { .. } => CameraMount::EyeToHand,
-        }
+        if self.mount.is_on_arm() { CameraMount::EyeInHand } else { CameraMount::EyeToHand }
     }
 
     fn X_WC(&self, q: &SVector<f64, N>) -> Pose {
-        self.mount.X_WC(&self.robot.forward(q))
+        self.mount.X_WC(self.robot, q)
     }
 
     /// The posture nearest to `q` that has the board at `wanted_CO`; `None` where none within the ranges does.

@@ -88,7 +88,7 @@ impl<const N: usize> ArmScene<N> {
         noise: &mut impl FnMut(usize) -> f64,
     ) -> Measurement {
         let camera = &self.config.camera;
-        let X_CO = camera.mount.X_WC(&self.robot.forward(q)).inv_mul(&self.config.X_WO().unwrap());
+        let X_CO = camera.mount.X_WC(&self.robot, &q).inv_mul(&self.config.X_WO().unwrap());
         let points = self.config.target.points().iter().map(|point| point.p_O).collect::<Vec<_>>();
         let mut m = Measurement { exposure, feature_count: points.len() as u32, ..Measurement::default() };
         m.status = TargetStatus::Found as u32;
@@ -160,10 +160,8 @@ impl<const N: usize> ArmScene<N> {
         let [x, y, z, i, j, k] = direction;
         let (p, r) = (Vector3::new(x, y, z).normalize() * 0.005, Vector3::new(i, j, k).normalize());
         let off = Pose::new(p, r * 1f64.to_radians());
-        let mount = match self.config.camera.mount {
-            Mount::EyeInHand { X_EC } => Mount::EyeInHand { X_EC: X_EC * off },
-            Mount::EyeToHand { X_BC } => Mount::EyeToHand { X_BC: X_BC * off },
-        };
+        let mount = self.config.camera.mount;
+        let mount = mount.with_pose(mount.pose() * off);
         let recording = self.recording(CameraErrors { late_s: 0.01, ..GOOD });
         let found = self.cell_with(&mount, |cell| stamp_offset(cell, &recording)).unwrap();
         assert!((found.offset_s + 0.01).abs() < 5e-4, "{found:?}");

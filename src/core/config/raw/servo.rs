@@ -43,6 +43,16 @@ word! {
 }
 
 word! {
+    /// Where a position-based law has the pose of the target from.
+    PoseFrom {
+        /// From the measurement: by the target's own size.
+        Measurement,
+        /// From the homography between the desired image and the current one: up to a scale, without the target's size.
+        Homography,
+    }
+}
+
+word! {
     /// What a law compares of the area within the outline.
     AreaKind {
         /// Nothing.
@@ -166,6 +176,8 @@ table! {
         pd: RawPd = RawPd::default(),
         /// 6, or 4 for a camera whose axis stays normal to the target (SCARA): x, y, z and rotation.
         dimension: u32 = 6,
+        /// Where A and B have the pose from.
+        pose_from: PoseFrom = PoseFrom::Measurement,
         /// Depth in the interaction matrix.
         depth: Depth = Depth::Estimated,
         /// That depth, m, where it is constant.

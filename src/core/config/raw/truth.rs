@@ -58,6 +58,9 @@ impl RawTrueLens {
 pose_table! {
     /// True pose of the simulated camera, in the frame of `[camera.mount]`; left out: as there.
     RawTrueMount {
+        /// The link that carries it.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        link: Option<String> = None,
         /// Position, m.
         position_m: Option<[f64; 3]> = None,
         /// Roll, pitch, yaw, rad.

@@ -1,15 +1,15 @@
 //! `[camera]`, or each entry of `[[cameras]]`.
 
 use super::lens;
+use super::mount::mount;
 use crate::camera_model::{CameraModel, Region};
 use crate::config::check::Validation;
 use crate::config::frame_source;
 use crate::config::place::RawMount;
-use crate::config::raw::{MountKind, RawCamera, RawConfig, RawLens, RawRoi};
+use crate::config::raw::{RawCamera, RawConfig, RawLens, RawRoi};
 use crate::config::stereo::right_mount;
 use crate::config::{Camera, Document, DriveKind};
 use crate::messages::{CameraId, MAX_CAMERAS};
-use crate::robot::Mount;
 use crate::scene::{FrameSchedule, Irregularity, MAX_SIDE_PX, SceneLook};
 use crate::time::SpanNs;
 
@@ -71,10 +71,7 @@ fn camera(
     let stamp_error =
         check.span_ms(&key("synthetic.stamp_error_ms"), synthetic.stamp_error_ms, -500.0..=500.0);
     let X = check.pose(&key("mount"), c.mount.position_m, c.mount.rotation_rpy_rad);
-    let mount = match c.mount.kind {
-        MountKind::EyeInHand => Mount::EyeInHand { X_EC: X },
-        MountKind::EyeToHand => Mount::EyeToHand { X_BC: X },
-    };
+    let mount = mount(raw, (&c.mount, X, &key("mount")), check);
     let look = SceneLook {
         background: check.range("scene.background_level", raw.scene.background_level, SceneLook::LEVEL),
         plate: check.range("scene.plate_level", raw.scene.plate_level, SceneLook::LEVEL),

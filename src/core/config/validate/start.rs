@@ -6,7 +6,7 @@ use crate::config::raw::{RawConfig, RawTool};
 use crate::config::servo::{tilted, uses_dimension};
 use crate::config::{Camera, Scene};
 use crate::geometry::Pose;
-use crate::robot::{self, Inertia, POSITION_RAD_OR_M, RobotDescription, RobotError};
+use crate::robot::{self, Inertia, Mount, POSITION_RAD_OR_M, RobotDescription, RobotError};
 use crate::scene::{PointVisibility, Visibility};
 use crate::servo::GoalPath;
 use crate::target::Target;
@@ -159,14 +159,14 @@ pub(super) fn view(
 ) {
     let q = &raw.robot.q_start_rad_or_m;
     let q_true: Vec<f64> = q.iter().zip(&scene.q_offset).map(|(q, offset)| q + offset).collect();
-    match (flange(robot, q), flange(&scene.arm, &q_true)) {
-        (Ok(X_BE), Ok(true_X_BE)) => {
-            let believed = camera.mount.X_WC(&X_BE).inv_mul(&scene.X_WO);
+    match (camera_at(robot, &camera.mount, q), camera_at(&scene.arm, &scene.mount, &q_true)) {
+        (Ok(X_WC), Ok(true_X_WC)) => {
+            let believed = X_WC.inv_mul(&scene.X_WO);
             if raw.servo.dimension == 4 && uses_dimension(raw.servo.scheme) && tilted(&believed) {
                 let message = "is 4, but the target is tilted against the image at the start";
                 check.wrong("servo.dimension", message);
             }
-            let seen = scene.mount.X_WC(&true_X_BE).inv_mul(&scene.X_WO);
+            let seen = true_X_WC.inv_mul(&scene.X_WO);
             if let Some(HiddenPoint { point, why, how_far }) =
                 hidden(&scene.target, &scene.camera, &seen).filter(|_| views)
             {
@@ -182,6 +182,7 @@ pub(super) fn view(
     }
 }
 
-fn flange(robot: &RobotDescription, q: &[f64]) -> Result<Pose, RobotError> {
-    crate::dispatch_robot!(robot, |arm| arm.forward(&SVector::from_column_slice(q)))
+/// The camera in the frame of the object.
+fn camera_at(robot: &RobotDescription, mount: &Mount, q: &[f64]) -> Result<Pose, RobotError> {
+    crate::dispatch_robot!(robot, |arm| mount.X_WC(&arm, &SVector::from_column_slice(q)))
 }

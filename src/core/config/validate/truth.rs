@@ -2,12 +2,12 @@
 //!
 //! The numbers here are ranges wider than any use, chosen, so that a slip of the pen is reported; `tests/cores/plausible_numbers.rs` tries their ends.
 
-use super::lens;
 use super::scene_motion::scene_motion;
+use super::{lens, mount};
 use crate::camera_model::{CameraModel, Intrinsics, Lens};
 use crate::config::check::{Validation, pose};
 use crate::config::raw::{
-    DriveKind, MountKind, RawBackdrop, RawBystander, RawConfig, RawOccluder, RawScene, RawSceneMotion,
+    DriveKind, RawBackdrop, RawBystander, RawConfig, RawOccluder, RawScene, RawSceneMotion,
 };
 use crate::config::target::{LENGTH_M, RawTarget, made};
 use crate::config::{Camera, FurtherTarget, Scene, SceneObject};
@@ -37,7 +37,7 @@ pub(super) fn scene(
     let X_WO = check.pose("scene.object", object.position_m, object.rotation_rpy_rad);
     let further_targets = further_objects(raw, further, check);
     let lens = true_lens(raw, camera, check);
-    let mount = true_mount(raw, check);
+    let mount = true_mount(raw, camera, check);
     let target = true_target(raw, believed_target, check);
     let arm = true_arm(raw, robot, check);
     let q_offset = q_offset(raw, robot, check);
@@ -110,7 +110,7 @@ fn true_lens(raw: &RawConfig, camera: Option<&Camera>, check: &mut Validation<'_
     made.map_err(|e| check.wrong("scene.camera.lens", e.to_string())).ok()
 }
 
-fn true_mount(raw: &RawConfig, check: &mut Validation<'_>) -> Mount {
+fn true_mount(raw: &RawConfig, camera: Option<&Camera>, check: &mut Validation<'_>) -> Mount {
     let (mount, believed) = (&raw.scene.camera.mount, &raw.camera.mount);
     // Only what is given here is this table's to answer for.
     let given = |list: Option<[f64; 3]>| list.unwrap_or_default();
@@ -119,10 +119,9 @@ fn true_mount(raw: &RawConfig, check: &mut Validation<'_>) -> Mount {
         mount.position_m.unwrap_or(believed.position_m),
         mount.rotation_rpy_rad.unwrap_or(believed.rotation_rpy_rad),
     );
-    match believed.kind {
-        MountKind::EyeInHand => Mount::EyeInHand { X_EC: X },
-        MountKind::EyeToHand => Mount::EyeToHand { X_BC: X },
-    }
+    // Without a camera there is no scene either: only its own keys are checked.
+    let nominal = camera.map_or(Mount::EyeInHand { X_EC: X }, |camera| camera.mount);
+    mount::true_mount(raw, (mount.link.as_ref(), X), &nominal, check)
 }
 
 fn true_target(raw: &RawConfig, believed: Option<&Target>, check: &mut Validation<'_>) -> Option<Target> {

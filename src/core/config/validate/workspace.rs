@@ -42,6 +42,9 @@ pub(super) fn workspace(
             }
         }
     }
+    if let Some(Mount::EyeOnLink { .. }) = mount {
+        on_a_link(w, check);
+    }
     let margin_m = check.range(&key("margin_m"), w.margin_m, 1e-3..=0.5);
     let link_radius_m = joint_list(&key("link_radius_m"), &w.link_radius_m, joints, RADIUS_M, check);
     let camera_radius_m = check.range(&key("camera_radius_m"), w.camera_radius_m, RADIUS_M);
@@ -73,6 +76,26 @@ pub(super) fn workspace(
         tool,
         self_collision: w.self_collision,
     })
+}
+
+/// A camera on a link is no part of the arm that is kept off planes, and its speed is not limited by itself.
+fn on_a_link(w: &RawWorkspace, check: &mut Validation<'_>) {
+    for (name, value) in
+        [("camera_speed_m_s", w.camera_speed_m_s), ("camera_turn_rad_s", w.camera_turn_rad_s)]
+    {
+        if value.is_some() {
+            check.wrong(
+                &format!("workspace.{name}"),
+                "the camera sits on a link (camera.mount.link): limit the flange (workspace.flange_speed_m_s)",
+            );
+        }
+    }
+    if !w.planes.is_empty() || !w.boxes.is_empty() || w.self_collision {
+        check.doubtful(
+            "camera.mount.link",
+            "a camera on a link is not kept off planes, boxes and links by itself: make workspace.link_radius_m of its link so large that it holds the camera",
+        );
+    }
 }
 
 /// The half spaces of planes and boxes.

@@ -26,7 +26,7 @@ fn falls(
     let robot = scara();
     let set_point = goal(&X_DO);
     let (mut q, mut qd) = (q, Vector4::zeros());
-    let view_at = |q: &Vector4<f64>| mount.X_WC(&robot.forward(q)).inv_mul(&X_WO);
+    let view_at = |q: &Vector4<f64>| mount.X_WC(&robot, &q).inv_mul(&X_WO);
     let accelerate = |q: &Vector4<f64>, qd: &Vector4<f64>| {
         let X_CO = view_at(q);
         let view = seen(&X_CO, &square()).with_known(Some(X_CO));
@@ -66,7 +66,7 @@ proptest! {
         } else {
             Mount::EyeToHand { X_BC: robot.forward(&q_d) * Pose::translation(0.1, 0.0, -0.2) }
         };
-        let X_WO = mount.X_WC(&robot.forward(&q_d)) * X_DO;
+        let X_WO = mount.X_WC(&robot, &q_d) * X_DO;
         let q = q_d + Vector4::from(dq);
         let K = pose_gains_4(&[500.0, 500.0, 10.0, 10.0]);
         for orientation in OrientationError::ALL {

@@ -42,7 +42,7 @@ impl<const N: usize> SimulatedLoop<N> {
         } else {
             Mount::EyeToHand { X_BC: robot.forward(&q_d) * moved }
         };
-        let X_WO = mount.X_WC(&robot.forward(&q_d)) * X_DO;
+        let X_WO = mount.X_WC(&robot, &q_d) * X_DO;
         let set_point = SetPoint::from_pose(X_DO, &square()).unwrap();
         let law = Law::ImageVelocity {
             K_s: 1.0.into(),
@@ -63,7 +63,7 @@ impl<const N: usize> SimulatedLoop<N> {
     }
 
     fn X_CO(&self) -> Pose {
-        self.servo.settings().mount.X_WC(&self.robot.forward(&self.q)).inv_mul(&self.X_WO)
+        self.servo.settings().mount.X_WC(&self.robot, &self.q).inv_mul(&self.X_WO)
     }
 
     fn error(&self) -> f64 {

@@ -7,6 +7,7 @@ mod equations;
 mod gains;
 mod local_minimum;
 mod loops;
+mod up_to_scale;
 
 use super::{SetPoint, View};
 use crate::geometry::Pose;

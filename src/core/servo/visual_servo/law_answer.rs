@@ -31,7 +31,7 @@ impl ServoSettings {
         let X_WC = if self.lead == SpanNs::ZERO {
             X_WC
         } else {
-            self.mount.X_WC(&robot.forward(&(q + qd * self.lead.as_s())))
+            self.mount.X_WC(robot, &(q + qd * self.lead.as_s()))
         };
         let object = object.map(|(object, now)| (object, now + self.lead));
         let moved = object.map(|(object, then)| object.displacement(last.exposure, then));

@@ -10,7 +10,7 @@ use super::{BenchmarkError, BenchmarkPlace, BenchmarkSuite, BenchmarkTask};
 use crate::config::{Config, Scene, assemble};
 use crate::geometry::{Pose, roll_pitch_yaw};
 use crate::linalg::Random;
-use crate::robot::{Mount, Robot};
+use crate::robot::Robot;
 use crate::scene::{SceneMotion, Visibility};
 use crate::servo::{PostureSearch, SetPoint, nearest_limit};
 use crate::target::Target;
@@ -127,10 +127,7 @@ fn believed(
     let mut set = Vec::new();
     let i = world.camera.model.full_intrinsics();
     let mut mount = None;
-    let X = match world.camera.mount {
-        Mount::EyeInHand { X_EC } => X_EC,
-        Mount::EyeToHand { X_BC } => X_BC,
-    };
+    let X = *world.camera.mount.pose();
     for (name, value) in task.drawn("believed", case, random) {
         let value = float(&value).unwrap_or_default();
         let mut differ = |key: &str, truth: f64, believed: f64| {

@@ -145,9 +145,10 @@ fn camera(config: &Config) -> Value {
     let lens = camera.model.lens();
     let distortion: Map<String, Value> =
         lens.coefficients().into_iter().map(|(name, value)| (name.to_owned(), value.into())).collect();
-    let (mount, X) = match &camera.mount {
-        Mount::EyeInHand { X_EC } => ("eye_in_hand", X_EC),
-        Mount::EyeToHand { X_BC } => ("eye_to_hand", X_BC),
+    let mount = match &camera.mount {
+        Mount::EyeInHand { .. } => "eye_in_hand",
+        Mount::EyeOnLink { .. } => "eye_on_link",
+        Mount::EyeToHand { .. } => "eye_to_hand",
     };
     json!({
         "width_px": i.width_px,
@@ -161,7 +162,7 @@ fn camera(config: &Config) -> Value {
         "rate_hz": camera.rate_hz,
         "latency_s": camera.latency.as_s(),
         "mount": mount,
-        "mount_pose": pose(X),
+        "mount_pose": pose(camera.mount.pose()),
     })
 }
 

@@ -155,7 +155,7 @@ impl<'a, const N: usize> Search<'a, N> {
             if low.is_finite() && high.is_finite() { 0.5 * (low + high) } else { 0.0 }
         };
         let q: Vec<f64> = robot.joints.iter().map(middle).collect();
-        let X_WC = draft.mount().X_WC(&arm.forward(&SVector::from_column_slice(&q)));
+        let X_WC = draft.mount(robot).X_WC(&arm, &SVector::from_column_slice(&q));
         let far = Pose::translation(0.0, 0.0, 10.0);
         let stand_in = draft.clone().simulated().placed(&q, &(X_WC * far), &far);
         // Where the arm may be is asked of what is proposed.

@@ -8,7 +8,6 @@
 use super::{Look, PlaceRequest, Search};
 use crate::geometry::Pose;
 use crate::linalg::Random;
-use crate::robot::Mount;
 use nalgebra::{Rotation3, SVector, UnitQuaternion, Vector3};
 
 /// Random postures that are tried where the object may lie anywhere; rolls of the camera and random starts for each where its pose is given.
@@ -150,11 +149,8 @@ impl<const N: usize> Search<'_, N> {
             Look::Level => outwards(X_BE.translation.vector)?,
             Look::Any => return None,
         };
-        match self.mount() {
-            Mount::EyeInHand { .. } => Some(in_base),
-            // that one looks where it looks
-            Mount::EyeToHand { .. } => None,
-        }
+        // one beside the arm looks where it looks
+        self.mount().is_on_arm().then_some(in_base)
     }
 
     /// How little the joints are turned, 0.6 to 1: of many postures with the same view people take the straight one.
@@ -191,7 +187,7 @@ impl<const N: usize> Search<'_, N> {
     /// Score of a place for the object, 0 to 1. Lengths are shares of the reach.
     fn place_score(&self, q: &SVector<f64, N>, X_WO: &Pose, look: Look, reach_m: f64) -> f64 {
         let X_BE = self.arm.forward(q);
-        if let Mount::EyeToHand { .. } = self.mount() {
+        if !self.mount().is_on_arm() {
             // held by the hand: near to it
             return 1.0 / (1.0 + (X_WO.translation.vector.norm() / (0.1 * reach_m)).powi(2));
         }

@@ -72,7 +72,7 @@ pub struct Preflight {
     #[serde(skip)]
     pub postures: Vec<String>,
     /// What was left out, and why.
-    pub notes: Vec<&'static str>,
+    pub notes: Vec<String>,
     /// Whether the object rests, so that what is seen now stays true.
     pub object_rests: bool,
 }
@@ -151,7 +151,7 @@ impl Preflight {
         };
         let goal = X_DO.map(|X_DO| {
             let X_BC = match config.camera.mount {
-                Mount::EyeInHand { .. } => X_WO.map(|X_WO| X_WO * X_DO.inverse()),
+                Mount::EyeInHand { .. } | Mount::EyeOnLink { .. } => X_WO.map(|X_WO| X_WO * X_DO.inverse()),
                 Mount::EyeToHand { X_BC } => Some(X_BC),
             };
             let visibility = Visibility::of(&config.target, &config.camera.model, &X_DO);
@@ -274,30 +274,44 @@ fn unasked(config: &Config) -> Option<&'static str> {
     }
 }
 
-fn notes(config: &Config) -> Vec<&'static str> {
-    let mut notes = Vec::new();
+fn notes(config: &Config) -> Vec<String> {
+    let mut notes: Vec<String> = Vec::new();
     if config.stereo.is_some() {
-        notes.push("of the pair of cameras only the left one is looked at");
+        notes.push("of the pair of cameras only the left one is looked at".into());
     }
     if config.start.elsewhere {
-        notes.push("the arm may start elsewhere (robot.start_elsewhere): the start is that of the run file");
+        notes.push(
+            "the arm may start elsewhere (robot.start_elsewhere): the start is that of the run file".into(),
+        );
+    }
+    let moving = config.camera.mount.moving_joints(config.robot.joint_count());
+    if let Some(first) = config.robot.joints.get(moving) {
+        let names: Vec<_> =
+            config.robot.joints.iter().skip(moving).map(|joint| joint.name.as_str()).collect();
+        notes.push(format!(
+            "the camera sits before joint \"{}\" (camera.mount.link): {} do not change the image and rest, unless servo.limit_avoidance_1_s moves them",
+            first.name,
+            names.join(", ")
+        ));
     }
     if config.looks_and_moves() {
         notes.push("look_and_move: the arm goes there in the space of its joints, without looking; the goal is met as well as lens, mount and \
-                    arm are known");
+                    arm are known".into());
     }
     if config.effective.servo.set_point.kind == SetPointKind::Features {
-        notes.push("the goal is the pose from which the points look most like servo.set_point.features");
+        notes.push(
+            "the goal is the pose from which the points look most like servo.set_point.features".into(),
+        );
     }
     if let Some(scene) = &config.scene {
         if scene.places().skip(1).any(|(_, motion)| motion != SceneMotion::Still) {
-            notes.push("further targets move: what is told of them is of where they are at the start");
+            notes.push("further targets move: what is told of them is of where they are at the start".into());
         }
         if scene.motion != SceneMotion::Still {
-            notes.push("the object moves: all this is of where it is at the start");
+            notes.push("the object moves: all this is of where it is at the start".into());
         }
         if !scene.occluders.is_empty() {
-            notes.push("what comes between target and camera (scene.occluder) is left out");
+            notes.push("what comes between target and camera (scene.occluder) is left out".into());
         }
     }
     notes
@@ -337,12 +351,9 @@ fn start<const N: usize>(
 ) -> Result<Viewpoint, RobotError> {
     let q =
         SVector::<f64, N>::from_fn(|i, _| q_start[i] + scene.q_offset.get(i).copied().unwrap_or_default());
-    let X_BE = scene.arm.build::<N>()?.forward(&q);
-    let X_CO = scene.mount.X_WC(&X_BE).inv_mul(&scene.X_WO);
-    let X_BC = match scene.mount {
-        Mount::EyeInHand { X_EC } => X_BE * X_EC,
-        Mount::EyeToHand { X_BC } => X_BC,
-    };
+    let arm = scene.arm.build::<N>()?;
+    let X_CO = scene.mount.X_WC(&arm, &q).inv_mul(&scene.X_WO);
+    let X_BC = scene.mount.X_BC(&arm, &q);
     let visibility = Visibility::of(&scene.target, &scene.camera, &X_CO);
     Ok(Viewpoint::new(config, X_CO, Some(X_BC), visibility))
 }

@@ -109,7 +109,7 @@ impl<const N: usize> ReachProblem<'_, N> {
         let mut random = Random::new(1);
         let mut nearest: Option<(f64, SVector<f64, N>)> = None;
         for start in 0..=STARTS {
-            let from = if start == 0 { self.q_start } else { search.anywhere(&mut random) };
+            let from = if start == 0 { self.q_start } else { self.resting(search.anywhere(&mut random)) };
             for q in search.postures_from(&from, (&self.X_WO, &X_WD), self.set_point) {
                 if self.error_px(&q) <= self.config.goal.feature_error_px {
                     return (Reach::Within(self.posture(&q)), Some(q));
@@ -130,6 +130,12 @@ impl<const N: usize> ReachProblem<'_, N> {
             at_limits: search.at_limits(&q).map(|(i, upper)| self.end(i, upper)).collect(),
         };
         (beyond, None)
+    }
+
+    /// `q` with the joints that do not move the camera where they are at the start.
+    fn resting(&self, q: SVector<f64, N>) -> SVector<f64, N> {
+        let moving = self.mount().moving_joints(N);
+        SVector::from_fn(|i, _| if i < moving { q[i] } else { self.q_start[i] })
     }
 
     fn posture(&self, q: &SVector<f64, N>) -> Posture {
@@ -176,7 +182,7 @@ impl<const N: usize> ReachProblem<'_, N> {
             let off = search.X_WC(&q).inv_mul(&wanted);
             let beside = off.translation.vector.norm().max(off.rotation.angle()) > BESIDE;
             // an arm of few joints has a way of its own, and must only arrive
-            if beside && leaves_at.is_none() && (N >= 6 || k == WAY_STEPS) {
+            if beside && leaves_at.is_none() && (self.mount().moving_joints(N) >= 6 || k == WAY_STEPS) {
                 leaves_at = Some(share);
             }
         }

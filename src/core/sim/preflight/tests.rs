@@ -23,10 +23,11 @@ fn the_posture_of_the_goal_shows_the_goal() {
     for file in ["default.toml", "ur5.toml", "panda.toml", "pan_tilt.toml", "scara-eye-to-hand.toml"] {
         let config = Config::load(Some(&shipped(file)), &[]).unwrap();
         let Reach::Within(posture) = preflight(file, &[]).reach else { panic!("{file}") };
-        let X_BE = crate::dispatch_robot!(config.robot, |arm| arm
-            .forward(&nalgebra::SVector::from_column_slice(&posture.q)))
+        let X_WC = crate::dispatch_robot!(config.robot, |arm| {
+            config.camera.mount.X_WC(&arm, &nalgebra::SVector::from_column_slice(&posture.q))
+        })
         .unwrap();
-        let X_CO = config.camera.mount.X_WC(&X_BE).inv_mul(&config.X_WO().unwrap());
+        let X_CO = X_WC.inv_mul(&config.X_WO().unwrap());
         let off = X_CO.inv_mul(config.set_point.X_DO().unwrap());
         assert!(off.translation.vector.norm() < 1e-4 && off.rotation.angle() < 1e-4, "{file}: {off}");
     }
@@ -248,10 +249,11 @@ fn goals_and_postures_with_names_are_looked_at() {
         [("near", config.X_WO().unwrap()), ("bin", config.scene.as_ref().unwrap().further_targets[0].X_WO)]
     {
         let Reach::Within(posture) = &named(name).reach else { panic!("{name}: {:?}", named(name)) };
-        let X_BE = crate::dispatch_robot!(config.robot, |arm| arm
-            .forward(&nalgebra::SVector::from_column_slice(&posture.q)))
+        let X_WC = crate::dispatch_robot!(config.robot, |arm| {
+            config.camera.mount.X_WC(&arm, &nalgebra::SVector::from_column_slice(&posture.q))
+        })
         .unwrap();
-        let X_CO = config.camera.mount.X_WC(&X_BE).inv_mul(&X_WO);
+        let X_CO = X_WC.inv_mul(&X_WO);
         let wanted = Pose::new(
             [if name == "near" { -0.05 } else { 0.0 }, if name == "near" { -0.05 } else { 0.0 }, 0.5].into(),
             [0.0, 0.0, -60.0_f64.to_radians()].into(),
