@@ -55,8 +55,11 @@ fn on_link<const N: usize>(file: &str, joints: usize, off: &[f64]) -> (Vec<Strin
     (set, config.robot.joints.iter().skip(joints).map(|joint| joint.name.clone()).collect())
 }
 
-/// A run, with the positions of the reference and of the arm at every tick.
-fn run(config: &Config) -> (SystemRun, Vec<(Vec<f64>, Vec<f64>)>) {
+/// The positions of the reference and of the arm, rad or m.
+type Positions = (Vec<f64>, Vec<f64>);
+
+/// A run, with its positions at every tick.
+fn run(config: &Config) -> (SystemRun, Vec<Positions>) {
     let (n, mut course) = (config.robot.joint_count(), Vec::new());
     let run = simulate_system(config, &mut |moment| {
         if let Moment::Tick(trace, _) = moment {
@@ -94,8 +97,8 @@ fn converges(file: &str, joints: usize, set: &[String], scheme: &str) {
     let moved = (0..joints).map(|i| (last.1[i] - first.1[i]).abs()).fold(0.0, f64::max);
     assert!(moved > 0.01, "{file} {scheme}: {moved}");
     for (reference, _) in &course {
-        for i in joints..config.robot.joint_count() {
-            assert!((reference[i] - first.0[i]).abs() < 1e-9, "{file} {scheme}: joint {i} is moved");
+        for (i, (q, begun)) in reference.iter().zip(&first.0).enumerate().skip(joints) {
+            assert!((q - begun).abs() < 1e-9, "{file} {scheme}: joint {i} is moved");
         }
     }
 }
