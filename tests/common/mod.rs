@@ -259,7 +259,7 @@ pub fn assert_accurate(run: &Run) {
 
 /// What a perfect camera that looks everywhere measures at `k` ms from an arm in `q`.
 pub fn seen<const N: usize>(config: &Config, robot: &Robot<N>, q: &SVector<f64, N>, k: i64) -> Measurement {
-    let X_CO = config.camera.mount.X_WC(&robot, &q).inv_mul(&config.X_WO().unwrap());
+    let X_CO = config.camera.mount.X_WC(robot, q).inv_mul(&config.X_WO().unwrap());
     let points_O: Vec<_> = config.target.points().iter().map(|point| point.p_O).collect();
     perfect_measurement(&points_O, &X_CO, MonoNs(k * 1_000_000)).unwrap()
 }

@@ -126,7 +126,7 @@ pub fn run<const N: usize>(
         let truth = log.lock().unwrap().last().map(|tick: &Tick<N>| tick.q);
         if k % 40 == 0 {
             let q = truth.unwrap_or_else(|| assemble::q_start::<N>(config).unwrap());
-            let X_CO = config.camera.mount.X_WC(&robot, &q).inv_mul(&config.X_WO().unwrap());
+            let X_CO = config.camera.mount.X_WC(robot, &q).inv_mul(&config.X_WO().unwrap());
             on_its_way = see(k, perfect_measurement(&points_O, &X_CO, MonoNs(k * MS)));
         }
         let m = if k % 40 == 20 { on_its_way.take() } else { None };

@@ -253,7 +253,7 @@ fn perfect_loop<const N: usize>(
         let within = q.zip_map(&SVector::from_fn(|i, _| robot.limits()[i].lower), f64::max);
         let within = within.zip_map(&SVector::from_fn(|i, _| robot.limits()[i].upper), f64::min);
         assert!((within - q).amax() < 1e-6, "{k}: {q}");
-        let X_CO = config.camera.mount.X_WC(&robot, &q).inv_mul(&config.X_WO().unwrap());
+        let X_CO = config.camera.mount.X_WC(robot, &q).inv_mul(&config.X_WO().unwrap());
         let m = if k % 40 == 0 { seen(k, &X_CO) } else { None };
         let trace = control.act(now, m.as_ref());
         statistics.note(&trace);

@@ -25,7 +25,7 @@ fn seen<const N: usize>(
     q: &SVector<f64, N>,
     k: u64,
 ) -> Option<Measurement> {
-    let X_CO = config.camera.mount.X_WC(&robot, &q).inv_mul(&config.X_WO()?);
+    let X_CO = config.camera.mount.X_WC(robot, q).inv_mul(&config.X_WO()?);
     let points_O: Vec<_> = config.target.points().iter().map(|point| point.p_O).collect();
     perfect_measurement(&points_O, &X_CO, MonoNs(k as i64 * 1_000_000))
 }

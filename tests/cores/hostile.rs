@@ -234,7 +234,7 @@ fn turmoil<const N: usize>(config: &Config, robot: &Robot<N>, seed: u64) -> Vec<
         if k % 2 == 0 {
             let q = log.lock().unwrap().last().map(|tick| tick.q);
             let q = q.unwrap_or_else(|| assemble::q_start::<N>(config).unwrap());
-            let X_CW = config.camera.mount.X_WC(&robot, &q).inverse();
+            let X_CW = config.camera.mount.X_WC(robot, &q).inverse();
             let p = offset * (swing * k as f64 * 1e-3).sin();
             let X_CO = X_CW * Pose::translation(p.x, p.y, p.z) * config.X_WO().unwrap();
             on_its_way = perfect_measurement(&points_O, &X_CO, MonoNs(k * MS)).filter(|_| k >= lost_until);

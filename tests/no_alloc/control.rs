@@ -41,7 +41,7 @@ fn run<const N: usize>(config: &Config, robot: &Robot<N>, mut run: LockstepRun<N
         let now = MonoNs(k * MS);
         let joint = run.sense(k as u64, now);
         let q = SVector::<f64, N>::from_fn(|i, _| joint.q[i]);
-        let X_CO = config.camera.mount.X_WC(&robot, &q).inv_mul(&config.X_WO().unwrap());
+        let X_CO = config.camera.mount.X_WC(robot, &q).inv_mul(&config.X_WO().unwrap());
         let m = match k % 80 {
             0 if k < 700 || plans => Some(seen(config, k, &X_CO)),
             0 => Some(hide(seen(config, k, &X_CO), (k / 80 % 3) as usize)),
@@ -188,7 +188,7 @@ fn learn<const N: usize>(config: &Config, robot: &Robot<N>, mut run: LockstepRun
         let joint = run.sense(k as u64, now);
         let q = SVector::<f64, N>::from_fn(|i, _| joint.q[i]);
         moved = moved.max((0..N).map(|i| (q[i] - config.start.q[i]).abs()).fold(0.0, f64::max));
-        let X_CO = config.camera.mount.X_WC(&robot, &q).inv_mul(&config.X_WO().unwrap());
+        let X_CO = config.camera.mount.X_WC(robot, &q).inv_mul(&config.X_WO().unwrap());
         let m = (k % 40 == 0).then(|| seen(config, k, &X_CO));
         assert_no_alloc(|| run.act(now, m.as_ref()));
     }

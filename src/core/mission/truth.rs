@@ -26,12 +26,12 @@ impl<const N: usize> Truth<N> {
     #[must_use]
     pub fn X_CT(&self, target: u32, q: &SVector<f64, N>, since: SpanNs) -> Option<Pose> {
         let Some(further) = (target as usize).checked_sub(1) else { return Some(self.X_CO(q, since)) };
-        Some(self.mount.X_WC(&self.robot, &q).inv_mul(self.further_X_WO.get(further)?))
+        Some(self.mount.X_WC(&self.robot, q).inv_mul(self.further_X_WO.get(further)?))
     }
 
     /// The pose of the object in the camera of an arm with joints at `q`, the given time after the first tick.
     #[must_use]
     pub fn X_CO(&self, q: &SVector<f64, N>, since: SpanNs) -> Pose {
-        self.mount.X_WC(&self.robot, &q).inv_mul(&self.motion.object_at(&self.X_WO, since))
+        self.mount.X_WC(&self.robot, q).inv_mul(&self.motion.object_at(&self.X_WO, since))
     }
 }

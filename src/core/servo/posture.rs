@@ -40,7 +40,7 @@ impl<const N: usize> PostureSearch<'_, N> {
     /// Pose of the camera at `q` in the frame W in which the object rests.
     #[must_use]
     pub fn X_WC(&self, q: &SVector<f64, N>) -> Pose {
-        self.mount.X_WC(&self.robot, &q)
+        self.mount.X_WC(self.robot, q)
     }
 
     /// From `q` towards a posture with the camera at `X_WD`, in at most `steps` steps. Returns that posture, or the one at which the search ended; the

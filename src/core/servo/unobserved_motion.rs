@@ -83,7 +83,7 @@ mod tests {
             } else {
                 Mount::EyeToHand { X_BC: robot.forward(&q) * Pose::new([0.0, 0.0, 0.4].into(), [3.0, 0.1, 0.0].into()) }
             };
-            let X_WC = |q: &Vector6<f64>| mount.X_WC(&robot, &q);
+            let X_WC = |q: &Vector6<f64>| mount.X_WC(&robot, q);
             let X_WO = X_WC(&q) * goal;
             let view_at = |q: &Vector6<f64>| {
                 let seen = perfect_measurement(&points, &X_WC(q).inv_mul(&X_WO), MonoNs::ZERO).unwrap();

@@ -244,7 +244,7 @@ impl<const N: usize> VisualServo<N> {
         let Some(q) = self.history.joints(exposure).filter(|_| full || standing_start) else {
             return MeasurementVerdict::TooOld;
         };
-        let X_WC = self.settings.mount.X_WC(&robot, &q);
+        let X_WC = self.settings.mount.X_WC(robot, &q);
         if self.learner.is_some() {
             return self.learn_from((now, measurement), seen, (&q, &X_WC));
         }

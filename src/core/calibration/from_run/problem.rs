@@ -93,7 +93,7 @@ impl<const N: usize> RunProblem<'_, N> {
     fn first_guess(&self) -> Option<Pose> {
         let view = self.views.get(self.views.len() / 2)?;
         let (q, _) = self.track.at(view.stamp, 0.0)?;
-        Some(self.cell.mount.X_WC(&self.cell.robot, &q) * view.X_CO)
+        Some(self.cell.mount.X_WC(self.cell.robot, &q) * view.X_CO)
     }
 
     fn sd_px(sd_px: f64) -> f64 {
@@ -109,7 +109,7 @@ impl<const N: usize> RunProblem<'_, N> {
         let mut all = Vec::new();
         for view in self.views {
             let (q, _) = self.track.at(view.stamp, at[STAMPS])?;
-            let X_CO = mount.X_WC(&self.cell.robot, &q).inv_mul(&X_WO);
+            let X_CO = mount.X_WC(self.cell.robot, &q).inv_mul(&X_WO);
             for point in &view.points {
                 let p_C = X_CO * Point3::from(point.p_O.coords * size);
                 all.push((lens.project(&p_C)? - point.px) / Self::sd_px(point.sd_px));

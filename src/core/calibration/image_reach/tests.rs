@@ -38,7 +38,7 @@ fn motion_px<const N: usize>(file: &str, shift: &Vector3<f64>) -> Option<f64> {
     let X_CO_at = |q: &SVector<f64, N>| {
         let mut X_WO = config.X_WO().unwrap();
         X_WO.translation.vector += shift;
-        config.camera.mount.X_WC(&robot, &q).inv_mul(&X_WO)
+        config.camera.mount.X_WC(&robot, q).inv_mul(&X_WO)
     };
     let first = seen(&config, &X_CO_at(&q))?;
     let limits = limits(&robot);

@@ -138,7 +138,7 @@ impl<'a, const N: usize> LatencyProblem<'a, N> {
     pub(super) fn first_guess(&self) -> Option<LatencyUnknowns> {
         let (stamp, X_CO) = self.observations().find_map(|s| Some((s.stamp, s.X_CO?)))?;
         let (q, _) = self.recording.track.at(stamp, 0.0)?;
-        let X_WO = self.cell.mount.X_WC(&self.cell.robot, &q) * X_CO;
+        let X_WO = self.cell.mount.X_WC(self.cell.robot, &q) * X_CO;
         Some(LatencyUnknowns { tau_s: 0.0, X_WO, xi_C: Twist::zeros() })
     }
 

@@ -88,7 +88,7 @@ impl<const N: usize> ArmScene<N> {
         noise: &mut impl FnMut(usize) -> f64,
     ) -> Measurement {
         let camera = &self.config.camera;
-        let X_CO = camera.mount.X_WC(&self.robot, &q).inv_mul(&self.config.X_WO().unwrap());
+        let X_CO = camera.mount.X_WC(&self.robot, q).inv_mul(&self.config.X_WO().unwrap());
         let points = self.config.target.points().iter().map(|point| point.p_O).collect::<Vec<_>>();
         let mut m = Measurement { exposure, feature_count: points.len() as u32, ..Measurement::default() };
         m.status = TargetStatus::Found as u32;

@@ -26,7 +26,7 @@ fn falls(
     let robot = scara();
     let set_point = goal(&X_DO);
     let (mut q, mut qd) = (q, Vector4::zeros());
-    let view_at = |q: &Vector4<f64>| mount.X_WC(&robot, &q).inv_mul(&X_WO);
+    let view_at = |q: &Vector4<f64>| mount.X_WC(&robot, q).inv_mul(&X_WO);
     let accelerate = |q: &Vector4<f64>, qd: &Vector4<f64>| {
         let X_CO = view_at(q);
         let view = seen(&X_CO, &square()).with_known(Some(X_CO));

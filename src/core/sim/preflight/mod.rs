@@ -283,7 +283,7 @@ fn notes(config: &Config) -> Vec<String> {
         let names: Vec<_> =
             config.robot.joints.iter().skip(moving).map(|joint| joint.name.as_str()).collect();
         notes.push(format!(
-            "the camera sits before joint \"{}\" (camera.mount.link): {} do not change the image and rest, unless servo.limit_avoidance_1_s moves them",
+            "the camera sits before joint \"{}\" (camera.mount.link): beyond it the image does not change by {}, at rest unless servo.limit_avoidance_1_s is set",
             first.name,
             names.join(", ")
         ));

@@ -60,7 +60,7 @@ impl<const N: usize> PreflightCell<'_, N> {
     fn X_CO(&self, q: &SVector<f64, N>) -> Pose {
         let offset = &self.scene.q_offset;
         let q = SVector::from_fn(|i, _| q[i] + offset.get(i).copied().unwrap_or_default());
-        self.scene.mount.X_WC(&self.arm, &q).inv_mul(&self.scene.X_WO)
+        self.scene.mount.X_WC(self.arm, &q).inv_mul(&self.scene.X_WO)
     }
 
     /// What vision without noise makes of an object really at `X_CO`.
