@@ -30,7 +30,7 @@ use covariance::{covariance_in, stated_covariance};
 use frozen_image::has_noise;
 use nalgebra::{Matrix6, SVector, Vector6};
 pub use target_change::MAX_TARGETS;
-use target_change::MISSES;
+use target_change::{MISSES, SeenWhole};
 
 /// How far an exposure stamp may lie in the future, since some drivers stamp the planned end of a frame: a period of 20 Hz. Half and twice of it
 /// change no unit test.
@@ -84,8 +84,8 @@ pub struct VisualServo<const N: usize> {
     whole: Option<LastMeasurement>,
     /// The depths that the first measurement with a pose gave; kept over goals, stops and losses of the target.
     initial: Option<DepthRow>,
-    /// The arm's posture at the exposure of the last complete measurement of each target, by the targets' numbers, rad or m.
-    q_whole: [Option<SVector<f64, N>>; MAX_TARGETS],
+    /// The arm's postures at the exposures of complete measurements of each target, by the targets' numbers.
+    q_whole: [Option<SeenWhole<N>>; MAX_TARGETS],
     /// Of a goal of another target than the one before, until a measurement of it is used: how many showed none.
     sought: Option<u32>,
     held: Option<LawAnswer<N>>,

@@ -9,9 +9,36 @@ use nalgebra::SVector;
 
 /// Most targets of a run. Chosen by hand: each takes the memory of a finder, a few megabytes for a VGA camera, and a cell has a part, a place and a bin.
 pub const MAX_TARGETS: usize = 16;
+/// A posture that is farther than this from an earlier one, rad or m, shows the image elsewhere. Chosen by hand: 0.6 m before a target it is 12 mm, 16 px of a
+/// lens with 800 px. With half of it a target may be cut off by the image's border again when the arm has come back to within a milliradian; the double only
+/// makes the way longer.
+const ELSEWHERE: f64 = 0.02;
 /// So many measurements of another target that none of it was used of say that it is out of view. Chosen by hand: a single frame may be lost to a passing
 /// shadow, and three are 120 ms at 25 Hz, in which the arm brakes anyway.
 pub(super) const MISSES: u32 = 3;
+
+/// From where a target was seen whole, rad or m.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct SeenWhole<const N: usize> {
+    newest: SVector<f64, N>,
+    /// A posture near the newest one, and one at which the arm was before, at least [`ELSEWHERE`] from it: where the newest is at the border of the view,
+    /// that lies within.
+    near: SVector<f64, N>,
+    within: SVector<f64, N>,
+}
+
+impl<const N: usize> SeenWhole<N> {
+    fn at(q: SVector<f64, N>) -> Self {
+        Self { newest: q, near: q, within: q }
+    }
+
+    fn note(&mut self, q: SVector<f64, N>) {
+        self.newest = q;
+        if (q - self.near).amax() > ELSEWHERE {
+            (self.within, self.near) = (self.near, q);
+        }
+    }
+}
 
 impl<const N: usize> VisualServo<N> {
     /// Forgets all that was seen: view, depths, and the motion of the object. What is kept concerns the arm and the camera: the joint history, whether the image
@@ -43,15 +70,17 @@ impl<const N: usize> VisualServo<N> {
         self.sought.is_some_and(|misses| misses >= MISSES) && self.posture_seen_whole().is_none()
     }
 
-    /// The posture from which the goal's target was last seen whole, rad or m.
+    /// The posture from which the goal's target was last seen whole, rad or m; of one that is looked for again a posture before that, since the arm may have left
+    /// it by the image's border.
     pub(super) fn posture_seen_whole(&self) -> Option<SVector<f64, N>> {
-        self.q_whole.get(self.goal.target() as usize).copied().flatten()
+        let seen = self.q_whole.get(self.goal.target() as usize)?.as_ref()?;
+        Some(if self.looks_for_another() { seen.within } else { seen.newest })
     }
 
     /// The goal's target was seen whole from the posture `q`, rad or m.
     pub(super) fn seen_whole_at(&mut self, q: &SVector<f64, N>) {
         if let Some(place) = self.q_whole.get_mut(self.goal.target() as usize) {
-            *place = Some(*q);
+            place.get_or_insert_with(|| SeenWhole::at(*q)).note(*q);
         }
     }
 }
