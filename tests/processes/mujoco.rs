@@ -84,10 +84,5 @@ fn mujoco_and_the_built_in_arm_agree() {
 #[test]
 fn in_real_time_it_converges_too() {
     let Some(python) = python() else { return };
-    // The arm is a Python program without real-time priority: one that came late is no arm that a verdict can be had of.
-    let go = || mujoco(&python, "ur5", &[], &["--set", "safety.drive_timeout_ms=1000"]);
-    let is_calm = |run: &Run| run.summary["outcome"] == "converged" || run.summary["late_drive_states"] == 0;
-    assert_accurate(
-        &std::iter::repeat_with(go).take(5).find(is_calm).expect("a run in which the drive was in time"),
-    );
+    assert_accurate(&mujoco(&python, "ur5", &[], &["--set", "safety.drive_timeout_ms=1000"]));
 }
