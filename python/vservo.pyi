@@ -241,9 +241,10 @@ class JointStates(Iterator[JointState]):
     def __next__(self) -> JointState: ...
 
 class Goal:
-    """A taught goal: points (n,), their normalized coordinates (n, 2), and the posture (joints,), rad or m."""
+    """A taught goal: kind and name of its target, points (n,), their normalized coordinates (n, 2), and the posture (joints,), rad or m."""
 
     target: str
+    target_name: str | None
     ids: NDArray[np.uint32]
     normalized: NDArray[np.float64]
     q: NDArray[np.float64] | None

@@ -4,7 +4,6 @@
     mujoco_drive.py ROBOT.urdf [--tip LINK] [--lock JOINT]... [--payload-kg M] [--instance NAME]
 """
 import argparse
-import ctypes
 import mmap
 import os
 import re
@@ -15,51 +14,20 @@ import iceoryx2 as iox2
 import mujoco
 import numpy as np
 
-JOINTS, TICK_NS = 7, 1_000_000
+from vservo_layouts import DriveCommand, DriveFlag, DriveState, DriveText, RobotState, TextKind
+
+TICK_NS = 1_000_000
 BRAKE_NS = 100_000_000  # real time: without a command for so long the brakes close
 TORQUE = 0
-TRUTH, START, INITIAL, LAST, LOCKSTEP, GRAVITY, FRICTION = 1, 2, 4, 8, 16, 64, 128
-READY = 1  # robot_state: of a simulator there is no other
-Joints = ctypes.c_double * JOINTS
 
 
-class DriveCommand(ctypes.Structure):
-    _fields_ = [("tick", ctypes.c_uint64), ("sequence", ctypes.c_uint64), ("stamp", ctypes.c_int64),
-                ("joints", ctypes.c_uint32), ("mode", ctypes.c_uint32), ("flags", ctypes.c_uint32), ("arm", ctypes.c_uint32),
-                ("q_r", Joints), ("qd_r", Joints), ("qdd_r", Joints), ("tau", Joints)]
-
-    @staticmethod
-    def type_name():
-        return "vservo.DriveCommand.v3"
-
-
-class DriveState(ctypes.Structure):
-    _fields_ = [("tick", ctypes.c_uint64), ("sequence", ctypes.c_uint64), ("stamp", ctypes.c_int64),
-                ("joints", ctypes.c_uint32), ("modes", ctypes.c_uint32), ("flags", ctypes.c_uint32), ("arm", ctypes.c_uint32),
-                ("robot_state", ctypes.c_uint32), ("robot_code", ctypes.c_uint32), ("q", Joints), ("qd", Joints), ("tau", Joints), ("q_true", Joints), ("qd_true", Joints)]
-
-    @staticmethod
-    def type_name():
-        return "vservo.DriveState.v3"
-
-
-class DriveText(ctypes.Structure):
-    JOINTS = 1  # kind
-    _fields_ = [("sequence", ctypes.c_uint64), ("stamp", ctypes.c_int64), ("kind", ctypes.c_uint32), ("joints", ctypes.c_uint32),
-                ("robot_state", ctypes.c_uint32), ("robot_code", ctypes.c_uint32), ("signs", Joints), ("zero_offsets", Joints),
-                ("text", ctypes.c_uint8 * 512)]
-
-    @staticmethod
-    def type_name():
-        return "vservo.DriveText.v1"
-
-    @classmethod
-    def of_joints(cls, names):
-        s = cls(stamp=time.monotonic_ns(), kind=cls.JOINTS, joints=len(names))
-        s.signs[: len(names)] = [1.0] * len(names)
-        text = "\n".join(names).encode()[:511]  # a zero byte stays at the end
-        s.text[: len(text)] = text
-        return s
+def joint_names(names):
+    """What control compares with the joints of its robot file."""
+    s = DriveText(stamp=time.monotonic_ns(), kind=TextKind.JOINTS, joints=len(names))
+    s.signs[: len(names)] = [1.0] * len(names)
+    text = "\n".join(names).encode()[:511]  # a zero byte stays at the end
+    s.text[: len(text)] = text
+    return s
 
 
 class Arm:
@@ -102,11 +70,11 @@ class Arm:
     def own_torques(self, flags):
         """What this robot adds by itself to torques that do not contain it."""
         n, m, d, own = self.model.nv, self.model, self.data, np.zeros(self.model.nv)
-        if not flags & GRAVITY:
+        if not flags & DriveFlag.GRAVITY:
             self.at_rest.qpos[:] = d.qpos
             mujoco.mj_forward(m, self.at_rest)
             own += self.at_rest.qfrc_bias[:n]
-        if not flags & FRICTION:  # Coulomb friction changes its sign within some mrad/s, so that an arm at rest is not shaken
+        if not flags & DriveFlag.FRICTION:  # Coulomb friction changes its sign within some mrad/s, so that an arm at rest is not shaken
             own += m.dof_damping * d.qvel + m.dof_frictionloss * np.tanh(d.qvel / 2e-3)
         return own
 
@@ -117,7 +85,7 @@ class Arm:
 
     def state(self, tick, stamp, flags):
         n, d = self.model.nv, self.data
-        s = DriveState(tick=tick, stamp=stamp, joints=n, modes=1 << TORQUE, flags=flags | TRUTH, robot_state=READY)
+        s = DriveState(tick=tick, stamp=stamp, joints=n, modes=1 << TORQUE, flags=flags | DriveFlag.TRUTH, robot_state=RobotState.READY)
         s.q[:n] = s.q_true[:n] = d.qpos.tolist()
         s.qd[:n] = s.qd_true[:n] = d.qvel.tolist()
         s.tau[:n] = d.qfrc_applied.tolist()
@@ -210,15 +178,15 @@ def run(arm, ports, guardian):
     by_the_clock, next_ns, count, obeyed_ns = False, 0, 0, 0
     while True:
         for c in ports.receive(0 if by_the_clock else 50):
-            if c.flags & LAST:
+            if c.flags & DriveFlag.LAST:
                 return
-            if c.flags & START:
+            if c.flags & DriveFlag.START:
                 guardian.open()
                 arm.start(c.q_r)
-                by_the_clock = not c.flags & LOCKSTEP
+                by_the_clock = not c.flags & DriveFlag.LOCKSTEP
                 next_ns = time.monotonic_ns()
-                ports.tell(DriveText.of_joints(arm.names))  # before the answer
-                ports.send(arm.state(0, next_ns if by_the_clock else c.stamp, INITIAL))
+                ports.tell(joint_names(arm.names))  # before the answer
+                ports.send(arm.state(0, next_ns if by_the_clock else c.stamp, DriveFlag.INITIAL))
                 continue
             if c.joints != arm.model.nv or not np.isfinite(c.tau).all():
                 sys.exit(f"mujoco drive: a command of {c.joints} joints, or with numbers that are none: not obeyed")

@@ -39,6 +39,12 @@ impl Goal {
         &self.file.target
     }
 
+    /// The name of the target in the run file it was taught with; None where the file does not tell: it is of the first one.
+    #[getter]
+    fn target_name(&self) -> Option<&str> {
+        self.file.target_name.as_deref()
+    }
+
     /// Which points of the target (n,).
     #[getter]
     fn ids<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {

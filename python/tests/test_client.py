@@ -90,6 +90,7 @@ class Requests(Served):
             taught = cell.teach(save=path, timeout_s=60)
             again = vservo.Goal.load(path)
         self.assertEqual((taught.target, taught.ids.tolist()), ("four_dots", [0, 1, 2, 3]))
+        self.assertEqual(again.target_name, taught.target_name)
         np.testing.assert_array_equal(again.normalized, taught.normalized)
         np.testing.assert_allclose(again.q, taught.q)
         np.testing.assert_allclose(taught.q, there.q, atol=2e-3)

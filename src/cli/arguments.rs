@@ -13,6 +13,7 @@ use super::{
     tune::TuneArguments, watch::WatchArguments,
 };
 use crate::camera_model::Response;
+use crate::export::LayoutLanguage;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use clap_complete::engine::{ArgValueCandidates, ArgValueCompleter};
 use std::path::PathBuf;
@@ -178,6 +179,12 @@ pub enum Command {
         /// The program and its arguments
         #[arg(last = true)]
         command: Vec<String>,
+    },
+    /// Print the records, codes and services by which programs in other languages take part: as a C or C++ header, a Python module, or JSON
+    Layouts {
+        /// Language
+        #[arg(long, value_enum, default_value_t = LayoutLanguage::C)]
+        lang: LayoutLanguage,
     },
     /// Print a completion script for a shell
     Completions(completion::CompletionArguments),

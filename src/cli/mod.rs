@@ -79,6 +79,7 @@ pub use watch::WatchArguments;
 use crate::config::assemble::require_controllable;
 use crate::config::{Config, Draft};
 use crate::experiment;
+use crate::export::layouts;
 use crate::input::printable;
 use crate::ipc::{Instance, Role};
 use crate::messages::CameraId;
@@ -156,6 +157,7 @@ pub fn main() -> ExitCode {
         }
         Some(Command::Emulate { what }) => emulate::emulate(&what),
         Some(Command::Config { name, list }) => shipped_file::shipped_file(name.as_deref(), list),
+        Some(Command::Layouts { lang }) => Ok(shown(&layouts(lang), 0)),
         Some(Command::Completions(arguments)) => completion::print_script(&arguments),
         Some(Command::Man(arguments)) => man::write_pages(&arguments),
     };

@@ -7,6 +7,7 @@
 //!
 //! The numbers here are layout, or keep logarithms and divisions from zero and infinity; they were chosen by hand.
 
+mod cell;
 mod sheet;
 
 use super::{ViewArguments, check_writable, shown, write_result};
@@ -28,6 +29,9 @@ use sheet::{Colour, ImagePanel, ImageSheet};
 const LEGEND: &str = "  drawn: green: points; orange: their ways when the camera goes straight to the goal; magenta ring: where the optical \
                       axis goes; blue cross: middle of the image; x, y, z: the object's frame, z away from the camera; red: what is \
                       outside";
+/// The same of the cell.
+const LEGEND_OF_CELL: &str = "  the cell, isometric: black: the arm at the start, orange: at the goal, with the spheres that are kept inside of planes and boxes; red: \
+                              planes and boxes of [workspace]; green: the target";
 /// Of more points than these the numbers stay out of the image.
 const NUMBERED: usize = 16;
 /// How far from the border of the image what is outside is told, px.
@@ -87,8 +91,15 @@ fn draw(config: &Config, preflight: &Preflight) -> Result<ImageSheet, ProcessErr
             panels.push(goal(&ahead.name, &led, view, &ahead.reach)?);
         }
     }
+    let i = config.camera.model.intrinsics();
+    let cell = cell::cell(config, preflight, [i.width_px, i.height_px])?;
+    let limited = cell.is_some();
+    panels.extend(cell);
     let mut lines = preflight.lines();
     lines.push(LEGEND.into());
+    if limited {
+        lines.push(LEGEND_OF_CELL.into());
+    }
     Ok(ImageSheet { panels, lines })
 }
 

@@ -97,7 +97,11 @@ impl RunWatch {
             take(&WatchedRecord::Status(&status));
         }
         // Before the ticks that tell what control made of them.
-        if let Some(DriveViews { commands, states }) = &self.drive {
+        if let Some(DriveViews { commands, states, texts }) = &self.drive {
+            // Words come before the state that they are about.
+            while let Some(text) = texts.receive()? {
+                take(&WatchedRecord::DriveText(&text));
+            }
             while let Some(command) = commands.receive()? {
                 take(&WatchedRecord::DriveCommand(&command));
             }

@@ -4,7 +4,7 @@ use super::cdr::CdrOutput;
 use super::derived::DerivedMessages;
 use super::derived_message::{DerivedMessage, camera_frame};
 use crate::config::Config;
-use crate::messages::{CameraId, MessageRecord};
+use crate::messages::CameraId;
 use crate::record::{
     CopiedTopic, IMAGE_NAME, RecordedMessage, RecordingError, RecordingReader, RecordingWriter,
 };
@@ -158,21 +158,5 @@ impl<W: Write> ViewerOutput<W> {
 
 /// The layout of the records of this version whose versioned name is `type_name`.
 pub(super) fn layout_of(type_name: &str) -> Option<&'static crate::messages::RecordLayout> {
-    use crate::messages::{
-        CameraHealth, DriveCommandMsg, DriveStateMsg, DriveTextMsg, FrameHeader, JointState, Measurement,
-        RequestMsg, Status, TraceMsg,
-    };
-    let all = [
-        CameraHealth::LAYOUT,
-        DriveCommandMsg::LAYOUT,
-        DriveStateMsg::LAYOUT,
-        DriveTextMsg::LAYOUT,
-        FrameHeader::LAYOUT,
-        JointState::LAYOUT,
-        Measurement::LAYOUT,
-        RequestMsg::LAYOUT,
-        Status::LAYOUT,
-        TraceMsg::LAYOUT,
-    ];
-    all.into_iter().find(|layout| layout.type_name == type_name)
+    crate::messages::RECORD_LAYOUTS.into_iter().find(|layout| layout.type_name == type_name)
 }

@@ -1,13 +1,14 @@
 //! The robot behind an external drive, as it is shown.
 
 use super::run_view::RunView;
-use crate::messages::{DriveStateMsg, RobotState};
+use crate::input::printable;
+use crate::messages::{DriveStateMsg, DriveTextMsg, RobotState, text_kind};
 use serde::Serialize;
 
 /// A robot behind its drive.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct RobotRow {
-    /// What it is, in words, with the maker's code.
+    /// What it is, in words, with the maker's code and words.
     pub words: String,
     /// The maker's code alone.
     pub code: Option<u32>,
@@ -21,6 +22,13 @@ impl RunView {
         self.robot_code = Some((RobotState::from_code(record.robot_state), record.robot_code));
     }
 
+    /// Takes in words of an external drive: those about the robot.
+    pub fn drive_text(&mut self, record: &DriveTextMsg) {
+        if record.kind == text_kind::ROBOT {
+            self.robot_text = Some((RobotState::from_code(record.robot_state), record.text()));
+        }
+    }
+
     /// The robot; `None` where its drive does not tell what it is.
     pub(super) fn robot_row(&self) -> Option<RobotRow> {
         if self.robot == RobotState::Unknown {
@@ -30,7 +38,9 @@ impl RunView {
         let code = self.robot_code.filter(|(state, code)| *state == self.robot && *code != 0);
         let code = code.map(|(_, code)| code);
         let told = code.map_or_else(String::new, |code| format!(" (code {code})"));
-        let words = self.robot.as_str().replace('_', " ") + &told;
+        let text = self.robot_text.as_ref().filter(|(state, text)| *state == self.robot && !text.is_empty());
+        let text = text.map_or_else(String::new, |(_, text)| format!(": {}", printable(text)));
+        let words = self.robot.as_str().replace('_', " ") + &told + &text;
         Some(RobotRow { words, code, obeys: self.robot.obeys() })
     }
 }
@@ -66,6 +76,14 @@ mod tests {
             (now.words.as_str(), now.code, now.obeys),
             ("protective stop (code 703)", Some(703), false)
         );
+        view.drive_text(&DriveTextMsg::of_robot(
+            RobotState::ProtectiveStop,
+            703,
+            "C157A2: a joint hit something",
+        ));
+        view.drive_text(&DriveTextMsg::of_joints(&["shoulder"]));
+        let words = view.robot_row().unwrap().words;
+        assert_eq!(words, "protective stop (code 703): C157A2: a joint hit something");
         let events: Vec<_> = view.kept_events().iter().map(|(_, what)| what.as_str()).collect();
         assert_eq!(events, ["robot: moving", "robot: protective stop (code 703)"]);
     }

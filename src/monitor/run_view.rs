@@ -3,8 +3,8 @@
 use crate::control::safety::Fault;
 use crate::control::trace::event_words;
 use crate::messages::{
-    CameraHealth, CameraId, CameraState, ControlState, DriveCommandMsg, DriveStateMsg, Measurement,
-    RequestMsg, RobotState, Status, TargetStatus, TraceMsg, trace_flag,
+    CameraHealth, CameraId, CameraState, ControlState, DriveCommandMsg, DriveStateMsg, DriveTextMsg,
+    Measurement, RequestMsg, RobotState, Status, TargetStatus, TraceMsg, trace_flag,
 };
 use crate::report::histogram::SpanHistogram;
 use crate::report::run_page::JointSummary;
@@ -64,6 +64,8 @@ pub enum WatchedRecord<'a> {
     DriveCommand(&'a DriveCommandMsg),
     /// A state of an external drive.
     DriveState(&'a DriveStateMsg),
+    /// Words of an external drive.
+    DriveText(&'a DriveTextMsg),
 }
 
 /// A record, and when it came by the watcher's own clock.
@@ -85,6 +87,8 @@ pub struct RunView {
     pub(super) robot: RobotState,
     /// The maker's code for a state, as the drive told it last.
     pub(super) robot_code: Option<(RobotState, u32)>,
+    /// The maker's words for a state, likewise.
+    pub(super) robot_text: Option<(RobotState, String)>,
     /// Where each point of the goal is to be, px, by its number.
     pub(super) goal_px: BTreeMap<u32, [f64; 2]>,
     /// Where each point was.
@@ -127,6 +131,7 @@ impl RunView {
             WatchedRecord::Measurement(measurement) => self.measurement(measurement, now),
             WatchedRecord::Health(camera, health) => self.health(*camera, health),
             WatchedRecord::DriveState(state) => self.drive_state(state),
+            WatchedRecord::DriveText(text) => self.drive_text(text),
             // What came of requests stands in the state and in the events of ticks, commands too.
             WatchedRecord::Request(_) | WatchedRecord::DriveCommand(_) => {}
         }
@@ -160,7 +165,7 @@ impl RunView {
             self.unseen += record.sequence.saturating_sub(next);
         }
         self.sequence = Some(record.sequence);
-        let robot = RobotState::from_code(trace_flag::robot_state_of(record.flags));
+        let robot = RobotState::from_code(TraceMsg::robot_state_of(record.flags));
         if std::mem::replace(&mut self.robot, robot) != robot {
             self.event(
                 time_s,

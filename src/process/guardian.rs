@@ -9,9 +9,14 @@
 use super::priority::{self, Rank};
 use super::{Membership, ProcessError, StopFlag};
 use crate::config::{Clock, Config, DriveKind, RealtimePolicy, assemble};
-use crate::guardian::{ControlLife, GuardedLimits, Guardian, GuardianFinding};
+use crate::guardian::{
+    ControlLife, GuardedAxis, GuardedLimits, GuardedSide, GuardedSpace, GuardedSphere, Guardian,
+    GuardianFinding,
+};
 use crate::ipc::{Halt, Instance, IpcError, Receiver, Role, StopWord};
 use crate::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, drive_flag};
+use crate::motion::{ArmPlaces, MotionLimits, WorkspaceSettings, checked_points};
+use crate::robot::Robot;
 use crate::rt::{now, prepare_process, sleep_until};
 use crate::time::{SpanNs, TICK};
 use tracing::{error, info};
@@ -155,13 +160,48 @@ fn limits(config: &Config) -> Result<GuardedLimits, ProcessError> {
             acceleration: all(&|i| limits.acceleration[i]),
             effort: all(&|i| robot.limits()[i].effort),
             silence: config.safety.guardian_timeout,
+            states: SpanNs(config.safety.drive_timeout.0 + braking(&limits).0),
+            space: config
+                .workspace
+                .as_ref()
+                .map_or_else(GuardedSpace::default, |space| space_of(&robot, space)),
         })
     })?
+}
+
+/// Twice the longest time in which a joint brakes from its largest velocity: by then a control that found the drive silent has no motion left to command.
+fn braking<const N: usize>(limits: &MotionLimits<N>) -> SpanNs {
+    let longest = limits.velocity.component_div(&limits.acceleration).max();
+    SpanNs::from_s(2.0 * longest)
+}
+
+/// The axes of the joints, the spheres on the arm and the planes, as they stand with all joints at zero.
+fn space_of<const N: usize>(robot: &Robot<N>, settings: &WorkspaceSettings) -> GuardedSpace {
+    let zero = nalgebra::SVector::zeros();
+    let (skeleton, places) = (robot.skeleton(&zero), ArmPlaces::of(robot, settings, &zero));
+    let axis = |i: usize| GuardedAxis {
+        point: skeleton.origin(i).into(),
+        direction: skeleton.axis(i).into(),
+        slides: i < N && robot.is_prismatic(i),
+    };
+    let sphere = |point: &crate::motion::CheckedPoint| GuardedSphere {
+        center: point.at(&places).into(),
+        joints: point.joints,
+        radius_m: point.radius_m,
+    };
+    let side =
+        |side: &crate::motion::HalfSpace| GuardedSide { normal: side.normal.into(), offset_m: side.offset_m };
+    GuardedSpace {
+        axes: std::array::from_fn(axis),
+        spheres: checked_points(robot, settings).iter().map(sphere).collect(),
+        sides: settings.sides.iter().map(side).collect(),
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::motion::HalfSpace;
     use std::process::Command;
 
     #[test]
@@ -183,6 +223,50 @@ mod tests {
         }
         child.wait().unwrap();
         assert_eq!(life_of(child.id()), ControlLife::Dead);
+    }
+
+    /// What is turned about axes as they stand at zero, against frames that go from link to link, on arms that turn and slide.
+    #[test]
+    fn planes_are_left_where_the_frames_of_the_arm_say_so() {
+        fn farthest<const N: usize>(name: &str) {
+            let robot = crate::robot::load(name).unwrap().build::<N>().unwrap();
+            let half = |normal: nalgebra::Vector3<f64>, offset_m: f64| HalfSpace {
+                name: String::new(),
+                normal: normal.normalize(),
+                offset_m,
+            };
+            let settings = WorkspaceSettings {
+                camera_speed_m_s: f64::INFINITY,
+                camera_turn_rad_s: f64::INFINITY,
+                flange_speed_m_s: f64::INFINITY,
+                margin_m: 0.01,
+                sides: vec![half([0.3, -0.5, 0.8].into(), 0.1), half([-1.0, 0.2, 0.1].into(), -0.3)],
+                link_radius_m: vec![0.06; N],
+                camera: Some(([0.03, -0.02, 0.06].into(), 0.03)),
+                tool: Some(([0.0, 0.05, 0.15].into(), 0.02)),
+                self_collision: false,
+            };
+            let space = space_of(&robot, &settings);
+            for k in 0..50 {
+                let q = nalgebra::SVector::<f64, N>::from_fn(|i, _| {
+                    3.0 * f64::sin(f64::from(k) * 1.7 + i as f64 * 2.3)
+                });
+                let mut padded = [0.0; MAX_JOINTS];
+                padded[..N].copy_from_slice(q.as_slice());
+                let places = ArmPlaces::of(&robot, &settings, &q);
+                let beyond = checked_points(&robot, &settings)
+                    .iter()
+                    .flat_map(|point| {
+                        settings.sides.iter().map(|s| point.radius_m - s.depth_m(&point.at(&places)))
+                    })
+                    .fold(f64::NEG_INFINITY, f64::max);
+                let (found, _) = space.farthest(&padded);
+                assert!((found - beyond).abs() < 1e-9, "{name}: {found} {beyond}");
+            }
+        }
+        farthest::<6>("ur5");
+        farthest::<7>("panda");
+        farthest::<4>("scara");
     }
 
     #[test]

@@ -40,7 +40,7 @@ impl<const N: usize> RecordedArm<N> {
         };
         then.over = trace.flags & trace_flag::MOTION_OVER != 0;
         then.late = trace.flags & trace_flag::LATE_STATE != 0;
-        then.health.robot.state = RobotState::from_code(trace_flag::robot_state_of(trace.flags));
+        then.health.robot.state = RobotState::from_code(TraceMsg::robot_state_of(trace.flags));
         then.health.fault = match reported_fault(trace) {
             Some(Fault::Drive(fault)) => Some(fault),
             _ => None,
@@ -54,7 +54,7 @@ impl<const N: usize> RecordedArm<N> {
 
 /// The fault that was reported to control at a tick.
 pub(super) fn reported_fault(trace: &TraceMsg) -> Option<Fault> {
-    Fault::from_code(trace_flag::reported_fault_of(trace.flags))
+    Fault::from_code(TraceMsg::reported_fault_of(trace.flags))
 }
 
 impl<const N: usize> Drive<N> for RecordedArm<N> {

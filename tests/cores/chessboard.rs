@@ -159,7 +159,7 @@ fn random_view(random: &mut Random) -> View {
 /// Thousands of views (`VSERVO_CAMPAIGN` sets how many) with covers, clutter and lenses: no corner under a wrong label.
 #[test]
 fn no_wrong_label() {
-    let views: u64 = std::env::var("VSERVO_CAMPAIGN").ok().and_then(|v| v.parse().ok()).unwrap_or(75);
+    let views: u64 = std::env::var("VSERVO_CAMPAIGN").ok().and_then(|v| v.parse().ok()).unwrap_or(50);
     let first: u64 = std::env::var("VSERVO_SEED").ok().and_then(|v| v.parse().ok()).unwrap_or(0);
     let (mut clear, mut clear_found, mut part, mut part_found) = (0, 0, 0, 0);
     let mut wrong = Vec::new();

@@ -1,6 +1,6 @@
 //! Every number of run files and robot files has bounds: set to something huge it is refused by its key, set to something
 //! tiny it is refused or does no harm. The keys are taken from the files themselves, so that a new one cannot be forgotten.
-//! Of run files that differ little, what an earlier one tried already is tried in every fifth place; with `VSERVO_CAMPAIGN` in all.
+//! Of run files that differ little, what an earlier one tried already is tried in every twentieth place; with `VSERVO_CAMPAIGN` in all.
 
 #![allow(non_snake_case, clippy::unwrap_used, clippy::expect_used, clippy::panic)] // helpers of tests are tests
 
@@ -200,7 +200,7 @@ fn every_number(
         let value = at(&mut Value::Table(table.clone()), place).to_string();
         let is_new = tried.values.entry(key.clone()).or_default().insert(value);
         // Other places in every table, so that each comes again in some of them.
-        if !is_new && !all && !(k + tried.tables).is_multiple_of(5) {
+        if !is_new && !all && !(k + tried.tables).is_multiple_of(20) {
             continue;
         }
         for number in HUGE {

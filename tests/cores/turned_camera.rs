@@ -124,3 +124,31 @@ fn cameras_that_are_turned_less_go_on_as_they_were() {
         }
     }
 }
+
+/// Frames with left and right exchanged, as webcams give them: where the target is none in a mirror nothing moves and it is told; a board that is one there, too, is
+/// stopped in its first centimetre.
+#[test]
+fn mirrored_frames_are_told_before_the_arm_leaves() {
+    let mirror = "faults=[{ kind = 'mirror', from_s = 0.0, duration_s = 100.0 }]".to_owned();
+    let board = ["target.kind='chessboard'", "target.chessboard.square_m=0.015"];
+    let tags = ["target.kind='tags'", "target.tags.size_m=0.08"];
+    for (file, target, words) in [
+        ("ur5", &[][..], "mirrored"),
+        ("panda", &[][..], "mirrored"),
+        ("ur5", &tags[..], "mirrored"),
+        ("ur5", &board[..], "axes"),
+    ] {
+        let set: Vec<String> = target
+            .iter()
+            .map(ToString::to_string)
+            .chain([mirror.clone(), "run.duration_s=5".to_owned()])
+            .collect();
+        let (outcome, reason, farthest) = ran(file, &set);
+        println!("{file} {target:?}: {outcome:?}, {reason}, {:.1} mm", 1e3 * farthest);
+        assert!(
+            outcome != Outcome::Converged && reason.contains(words),
+            "{file} {target:?}: {outcome:?}, {reason}"
+        );
+        assert!(farthest < 0.012, "{file}: {farthest} m");
+    }
+}

@@ -35,6 +35,7 @@ mod hanging;
 mod hostile_files;
 mod in_process;
 mod laws;
+mod layouts;
 mod lockstep;
 mod monitor;
 mod moving_target;

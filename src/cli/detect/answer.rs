@@ -128,6 +128,7 @@ pub(super) fn word(status: TargetStatus) -> &'static str {
         TargetStatus::TooFewShared => "too_few_shared",
         TargetStatus::GivenUp => "given_up",
         TargetStatus::OtherTags => "other_tags",
+        TargetStatus::Mirrored => "mirrored",
     }
 }
 

@@ -15,7 +15,7 @@ use crate::control::records::{command_trace, joint_state, padded};
 use crate::control::safety::Fault;
 use crate::control::trace::{Event, Events, FrameStamps, LatencyStages, MeasurementRecord, Trace};
 use crate::drive::{Drive, DriveCommand, DriveHealth, DriveState, RobotReport};
-use crate::messages::{JointState, MAX_JOINTS, Measurement, RobotState, trace_flag};
+use crate::messages::{JointState, MAX_JOINTS, Measurement, RobotState, TraceMsg, trace_flag};
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::SVector;
 
@@ -309,7 +309,7 @@ impl<const N: usize> ControlLoop<N> {
 
     /// Reports a fault from outside the control core: the arm is brought to rest from the next [`act`](Self::act) on.
     pub fn fail(&mut self, fault: Fault) {
-        if trace_flag::reported_fault_of(self.inputs) == 0 {
+        if TraceMsg::reported_fault_of(self.inputs) == 0 {
             self.inputs |= fault.code() << trace_flag::REPORTED_FAULT;
         }
         self.controller.fail(fault);

@@ -23,6 +23,8 @@ pub enum FrameFault {
     Saturated,
     /// Its lower half is that of the frame before.
     Torn,
+    /// Left and right are exchanged.
+    Mirror,
     /// Blocks of 16 px of it, as large a share of them, each have one level at random.
     Corrupt(f64),
 }
@@ -130,6 +132,7 @@ impl ImageDamage {
             match fault {
                 FrameFault::Black => pixels.fill(0),
                 FrameFault::Saturated => pixels.fill(u8::MAX),
+                FrameFault::Mirror => pixels.chunks_mut(width.max(1)).for_each(<[u8]>::reverse),
                 FrameFault::Corrupt(share) => corrupt(*share, (window, id), width, pixels),
                 _ => {}
             }
@@ -194,6 +197,10 @@ mod tests {
         assert_eq!(corners(FrameFault::Torn), wanted((30, 20, 3), (40, 30, 4)));
         assert_eq!(corners(FrameFault::Black), wanted((0, 0, 3), (0, 0, 4)));
         assert_eq!(corners(FrameFault::Saturated), wanted((255, 255, 3), (255, 255, 4)));
+        let mut damage = ImageDamage::new(FrameFaults::new(&[(FrameFault::Mirror, window(0, 1))], 0));
+        let mut pixels = vec![1, 2, 3, 4, 5, 6];
+        damage.apply((0, SpanNs::ZERO), MonoNs::ZERO, 3, &mut pixels);
+        assert_eq!(pixels, [3, 2, 1, 6, 5, 4]);
         for timing in [FrameFault::Drop, FrameFault::Delay(PERIOD)] {
             assert_eq!(corners(timing), (0..8).map(whole).collect::<Vec<_>>());
         }

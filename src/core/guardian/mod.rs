@@ -2,14 +2,18 @@
 //! safety functions of control.
 //!
 //! ```text
-//! DriveCommandMsg ─► [command] finite? joints, mode? range, speed, acceleration, effort?  ─┐
-//! DriveStateMsg   ─► [state]   is the measured arm too fast?                              ─┼─► the first finding stops the arm
-//! each look       ─► [look]    did a command come? is control suspended, or dead?         ─┘
+//! DriveCommandMsg ─► [command] finite? joints, mode? range, speed, acceleration, effort? half spaces, commanded and measured?  ─┐
+//! DriveStateMsg   ─► [state]   is the measured arm too fast?                                                                 ─┼─► the first finding stops the arm
+//! each look       ─► [look]    did a command come? is control suspended, or dead? does it move an arm that tells nothing?    ─┘
 //!
 //! START: unarmed ─ first command ─► armed ─ LAST ─► unarmed          armed ─ finding ─► stopped ─ reset ─► unarmed
 //! ```
 //! Between its first command and LAST a control that is well sends one each millisecond, also while the arm rests: every silence is a failure. Only time in which the
 //! guardian itself came round counts as silence, so that a machine that stood as a whole stops nothing.
+
+mod space;
+
+pub use space::{GuardedAxis, GuardedSide, GuardedSpace, GuardedSphere, GuardedVector};
 
 use crate::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, drive_flag};
 use crate::time::{MonoNs, SpanNs, TICK};
@@ -37,8 +41,15 @@ const NOISE: f64 = 5e-3;
 const REST_SPEED: f64 = 0.01;
 const RESTING_STATES: u32 = 20;
 
+/// An arm moves where it is commanded a velocity beyond this, rad/s or m/s. Chosen by hand: a tenth of the speed at which it rests.
+const MOVES: f64 = 1e-3;
+/// How far an arm that moves may be beyond a plane, or farther than where its motion began, m. Chosen by hand: control, which is to be first, takes 0 and 2 mm.
+const BEYOND_M: f64 = 5e-3;
+/// Commands in a row with the arm beyond a plane that stop it. Chosen by hand: three times what control takes, which is to be first.
+const BEYOND_COMMANDS: u32 = 15;
+
 /// The limits of an arm's commands; of joints that there are not anything.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct GuardedLimits {
     /// Joints.
     pub joints: usize,
@@ -54,6 +65,10 @@ pub struct GuardedLimits {
     pub effort: [f64; MAX_JOINTS],
     /// Longest silence of a control that runs.
     pub silence: SpanNs,
+    /// Longest time without a state from the drive while control moves the arm.
+    pub states: SpanNs,
+    /// The half spaces that it must stay in.
+    pub space: GuardedSpace,
 }
 
 /// What the system says of control's process.
@@ -94,6 +109,18 @@ pub enum GuardianFinding {
         /// What the system says of control.
         life: ControlLife,
     },
+    /// Control moves the arm, and the drive's states are missing, or stand still.
+    Blind {
+        /// For so long.
+        silence: SpanNs,
+    },
+    /// The arm moves beyond a plane, as commanded or as measured.
+    Outside {
+        /// The farthest sphere, by its number in [`GuardedSpace::spheres`], from 1.
+        sphere: usize,
+        /// How far, m.
+        beyond_m: f64,
+    },
     /// A command of another number of joints, or of another mode than those before.
     Malformed {
         /// Its joints.
@@ -129,6 +156,13 @@ impl fmt::Display for GuardianFinding {
                     ControlLife::Suspended => ", whose process is suspended",
                     ControlLife::Dead => ", whose process has ended",
                 })
+            }
+            Self::Blind { silence } => {
+                let ms = silence.as_s() * 1e3;
+                write!(f, "control moves the arm, and no state has come from the drive for {ms:.1} ms")
+            }
+            Self::Outside { sphere, beyond_m } => {
+                write!(f, "point {sphere} of the arm is {beyond_m:.4} m beyond a plane of [workspace]")
             }
             Self::Malformed { joints, mode } => {
                 write!(f, "a command of {joints} joints in mode {mode}, which is not what the run began with")
@@ -171,7 +205,15 @@ pub struct Guardian {
     looked: Option<MonoNs>,
     /// The state from which the measured speed counts.
     from: Option<DriveStateMsg>,
+    /// The newest state.
+    newest: Option<DriveStateMsg>,
+    /// Time without a newer one.
+    blind: SpanNs,
     resting: u32,
+    /// How far the arm may be beyond a plane, m: as far as where its motion began.
+    allowed_m: f64,
+    /// Commands in a row with which it was farther.
+    outside: u32,
 }
 
 impl Guardian {
@@ -179,7 +221,19 @@ impl Guardian {
     #[must_use]
     pub fn new(limits: GuardedLimits) -> Self {
         let (stage, last) = (GuardianStage::Unarmed, DriveCommandMsg::default());
-        Self { limits, stage, last, silence: SpanNs::ZERO, looked: None, from: None, resting: 0 }
+        Self {
+            limits,
+            stage,
+            last,
+            silence: SpanNs::ZERO,
+            looked: None,
+            from: None,
+            newest: None,
+            blind: SpanNs::ZERO,
+            resting: 0,
+            allowed_m: 0.0,
+            outside: 0,
+        }
     }
 
     /// Takes a command in.
@@ -196,8 +250,11 @@ impl Guardian {
             return None;
         }
         let before = self.is_armed().then_some(self.last);
+        if before.is_none() {
+            self.blind = SpanNs::ZERO;
+        }
         (self.stage, self.last) = (GuardianStage::Armed, *command);
-        let finding = self.judge(command, before.as_ref());
+        let finding = self.judge(command, before.as_ref()).or_else(|| self.judge_places(before.is_none()));
         self.stop_by(finding)
     }
 
@@ -206,6 +263,10 @@ impl Guardian {
         let joints = self.limits.joints.min(MAX_JOINTS);
         let rests = state.qd.iter().take(joints).all(|qd| qd.abs() <= REST_SPEED);
         self.resting = if rests { self.resting.saturating_add(1) } else { 0 };
+        // A state that is no newer than the one before tells nothing.
+        if self.newest.is_none_or(|newest| state.stamp != newest.stamp) {
+            (self.newest, self.blind) = (Some(*state), SpanNs::ZERO);
+        }
         let from = *self.from.get_or_insert(*state);
         let span = state.stamp - from.stamp;
         if span < SPEED_SPAN && span >= SpanNs::ZERO {
@@ -233,8 +294,12 @@ impl Guardian {
         if !self.is_armed() {
             return None;
         }
-        let silence = SpanNs(self.silence.0 + passed.0.clamp(0, LONGEST_LOOK.0));
-        self.silence = silence;
+        let passed = passed.0.clamp(0, LONGEST_LOOK.0);
+        let (silence, blind) = (SpanNs(self.silence.0 + passed), SpanNs(self.blind.0 + passed));
+        (self.silence, self.blind) = (silence, blind);
+        if blind >= self.limits.states && self.moves() {
+            return self.stop_by(Some(GuardianFinding::Blind { silence: blind }));
+        }
         if silence < ASK_AFTER {
             return None;
         }
@@ -276,6 +341,27 @@ impl Guardian {
             self.stage = GuardianStage::Stopped;
         }
         finding
+    }
+
+    /// Whether the last command moves the arm.
+    fn moves(&self) -> bool {
+        self.last.qd_r.iter().take(self.limits.joints).any(|qd| qd.abs() > MOVES)
+    }
+
+    /// Whether the arm moves beyond a plane. One that begins there may come back, and one that rests there is not stopped: it was put there by somebody else.
+    fn judge_places(&mut self, begins: bool) -> Option<GuardianFinding> {
+        let space = &self.limits.space;
+        let commanded = space.farthest(&self.last.q_r);
+        let measured = self.newest.map_or(commanded, |state| space.farthest(&state.q));
+        let (beyond_m, sphere) = if measured.0 > commanded.0 { measured } else { commanded };
+        if begins || !self.moves() {
+            (self.allowed_m, self.outside) = (beyond_m.max(0.0), 0);
+            return None;
+        }
+        let is_outside = beyond_m > self.allowed_m + BEYOND_M;
+        self.outside = if is_outside { self.outside + 1 } else { 0 };
+        let found = GuardianFinding::Outside { sphere: sphere + 1, beyond_m };
+        (self.outside >= BEYOND_COMMANDS).then_some(found)
     }
 
     fn judge(&self, now: &DriveCommandMsg, before: Option<&DriveCommandMsg>) -> Option<GuardianFinding> {

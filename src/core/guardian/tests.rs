@@ -12,6 +12,8 @@ fn limits() -> GuardedLimits {
         acceleration: all(10.0),
         effort: all(50.0),
         silence: SpanNs(100 * MS),
+        states: SpanNs(400 * MS),
+        space: GuardedSpace::default(),
     }
 }
 
@@ -201,4 +203,89 @@ fn rest_is_twenty_states_without_speed() {
     assert!(guardian.is_at_rest());
     assert_eq!(guardian.state(&state(21, 0.0, 0.2)), None);
     assert!(!guardian.is_at_rest());
+}
+
+/// A joint about z in the origin, and one that slides along what was x: the sphere at its tip must stay below x = 1.
+fn with_a_wall() -> GuardedLimits {
+    let axis = |direction, slides| GuardedAxis { point: [0.0; 3], direction, slides };
+    let mut space = GuardedSpace::default();
+    (space.axes[0], space.axes[1]) = (axis([0.0, 0.0, 1.0], false), axis([1.0, 0.0, 0.0], true));
+    space.spheres = vec![GuardedSphere { center: [0.5, 0.0, 0.2], joints: 2, radius_m: 0.1 }];
+    space.sides = vec![GuardedSide { normal: [-1.0, 0.0, 0.0], offset_m: -1.0 }];
+    GuardedLimits { space, ..limits() }
+}
+
+/// The command whose second joint slides to `x`, with so much speed.
+fn slid(tick: u64, x: f64, speed: f64) -> DriveCommandMsg {
+    let mut m = command(tick, 0.0, 0.0);
+    (m.q_r[1], m.qd_r[1]) = (x, speed);
+    m
+}
+
+#[test]
+fn an_arm_that_moves_beyond_a_plane_is_stopped() {
+    let mut guardian = Guardian::new(with_a_wall());
+    let found: Vec<_> = (0..300).map(|k| guardian.command(&slid(k, 0.3 + 1e-3 * k as f64, 1.0))).collect();
+    // The sphere touches the plane at 0.4; 5 mm are passed after the tick 105.
+    let first = found.iter().position(Option::is_some).unwrap();
+    assert!((115..125).contains(&first), "{first}");
+    assert!(
+        matches!(found[first], Some(GuardianFinding::Outside { sphere: 1, beyond_m }) if (0.01..0.03).contains(&beyond_m))
+    );
+    // Measured, where commands stay inside.
+    let mut guardian = Guardian::new(with_a_wall());
+    let measured = |k: i64| {
+        let mut m = state(k, 0.0, 0.0);
+        m.q[1] = 0.45;
+        m
+    };
+    let found: Vec<_> = (0..60)
+        .map(|k| {
+            let of_state = guardian.state(&if k < 20 { state(k, 0.0, 0.0) } else { measured(k) });
+            of_state.or(guardian.command(&slid(k as u64, 1e-3 * k as f64, 1.0)))
+        })
+        .collect();
+    assert!(
+        found[..34].iter().all(Option::is_none) && found[34..36].iter().any(Option::is_some),
+        "{found:?}"
+    );
+}
+
+#[test]
+fn an_arm_beyond_a_plane_may_rest_and_come_back() {
+    let mut guardian = Guardian::new(with_a_wall());
+    for k in 0..100 {
+        assert_eq!(guardian.command(&slid(k, 0.5, 0.0)), None, "rests");
+    }
+    for k in 100..300 {
+        assert_eq!(guardian.command(&slid(k, 0.5 - 1e-3 * (k - 100) as f64, -1.0)), None, "comes back");
+    }
+    for k in 300..400 {
+        assert_eq!(guardian.command(&slid(k, 0.3, 0.0)), None, "rests inside");
+    }
+    // What was allowed there is not any more.
+    assert!((400..560).any(|k| guardian.command(&slid(k, 0.3 + 1e-3 * (k - 400) as f64, 1.0)).is_some()));
+}
+
+#[test]
+fn control_that_moves_an_arm_that_tells_nothing_is_stopped() {
+    for (speed, frozen) in [(1.0, true), (1.0, false), (0.0, false)] {
+        let mut guardian = Guardian::new(limits());
+        let found = (0..1500).find_map(|k| {
+            let x = if speed > 0.0 { -1.5 + 1e-3 * k as f64 } else { 0.0 };
+            assert_eq!(guardian.command(&slid(k, x, speed)), None);
+            if k < 500 {
+                assert_eq!(guardian.state(&state(k as i64, 0.0, 0.0)), None);
+            } else if frozen {
+                let _ = guardian.state(&state(499, 0.0, 0.0));
+            }
+            guardian.look(MonoNs(k as i64 * MS), || ControlLife::Runs).map(|finding| (k, finding))
+        });
+        let Some((k, finding)) = found else {
+            assert!(speed == 0.0, "an arm that is held may be silent: control tells it");
+            continue;
+        };
+        assert!(speed > 0.0 && (895..905).contains(&k), "{k}");
+        assert!(matches!(finding, GuardianFinding::Blind { .. }));
+    }
 }

@@ -92,6 +92,10 @@ fn why_late(state: ControlState, measurements: &MeasurementLog, points: PointKin
             TargetStatus::OtherTags => {
                 "run.duration_s is over: the tags in view have other ids than the target's, which vision's log names; set target.tags.first_id"
             }
+            TargetStatus::Mirrored => {
+                "run.duration_s is over: the target is in the frames, but mirrored; switch the mirroring of the camera off (of V4L2 the control \
+                 `horizontal_flip`), or of the program that gives the frames"
+            }
             TargetStatus::WrongSize => "run.duration_s is over: frames have another size than the camera's",
             TargetStatus::Inconsistent => {
                 of_points!(
@@ -217,6 +221,7 @@ mod tests {
             (PointKind::TagCorners, TargetStatus::Ambiguous, "in view more than once"),
             (PointKind::BoardCorners, TargetStatus::Ambiguous, "the chessboard's corners could not"),
             (PointKind::TagCorners, TargetStatus::OtherTags, "other ids"),
+            (PointKind::TagCorners, TargetStatus::Mirrored, "mirrored"),
         ] {
             let seen = Measurement { status: status as u32, ..Measurement::default() };
             let mut log = MeasurementLog::new();

@@ -8,6 +8,7 @@ pub mod frame_archive;
 pub mod hand_eye_page;
 pub mod histogram;
 pub mod history;
+pub mod isometric;
 pub mod latency;
 pub mod numbers;
 pub mod page;

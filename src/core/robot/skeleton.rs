@@ -44,6 +44,12 @@ impl<const N: usize> Skeleton<N> {
         self.origin.get(i).copied().unwrap_or_else(Vector3::zeros)
     }
 
+    /// The direction in B of the axis about which joint `i`, from 0, turns, or along which it slides; zero for joints that there are not.
+    #[must_use]
+    pub fn axis(&self, i: usize) -> Vector3<f64> {
+        self.axis.get(i).copied().unwrap_or_else(Vector3::zeros)
+    }
+
     /// The point `p_E` of the flange's frame, m, in B.
     #[must_use]
     pub fn on_flange(&self, p_E: &Vector3<f64>) -> Vector3<f64> {

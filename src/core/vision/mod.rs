@@ -51,6 +51,7 @@ mod carrier;
 mod expectation;
 mod frame_estimate;
 mod image_result;
+mod mirrored;
 mod misfit;
 mod pose_approach;
 mod steady_misfit;
@@ -69,6 +70,7 @@ use crate::time::MonoNs;
 pub use carrier::{ArmCarrier, Carrier};
 use frame_estimate::{FrameEstimate, PoseEstimator};
 pub use image_result::ImageResult;
+use mirrored::MirroredSearch;
 pub use misfit::Growth;
 pub use pose_approach::PoseApproach;
 use steady_misfit::{Errors, SteadyMisfit};
@@ -174,6 +176,7 @@ pub struct Vision {
     errors: Errors,
     /// Number of frames for which a part of the target has been hidden.
     hidden_for: u32,
+    mirrored: MirroredSearch,
     lost: u64,
     /// What is put wrong about its measurements on purpose.
     faults: Option<MeasurementFaults>,
@@ -205,6 +208,7 @@ impl Vision {
             misfit: SteadyMisfit::with_room_for(count),
             errors: Vec::with_capacity(count),
             hidden_for: 0,
+            mirrored: MirroredSearch::with_room_for(&camera),
             lost: 0,
             faults: None,
             estimator: PoseEstimator::new(camera, target, settings),
@@ -255,6 +259,7 @@ impl Vision {
             Ok(whole) => {
                 let rms_px = if whole { self.searched.rms_px } else { self.tracked.rms_px };
                 if let Some(whole) = self.accepted(whole, frame, prior) {
+                    self.mirrored.found();
                     let estimate = if whole { &self.searched } else { &self.tracked };
                     self.estimator.fill(estimate, !whole, &mut m);
                     self.keep(header.exposure, prior.X_WC, whole);
@@ -265,7 +270,7 @@ impl Vision {
                 }
             }
             Err(status) => {
-                m.status = status as u32;
+                m.status = self.why_missed(status, frame) as u32;
                 self.misfit.interrupt();
                 self.lost += u64::from(self.last.is_some());
                 self.spare.extend(self.last.take().map(|seen| seen.estimate));
@@ -313,6 +318,17 @@ impl Vision {
             Err(_) if in_windows => Ok(false),
             Err(status) => Err(status),
         }
+    }
+
+    /// Why there is no target, where the search says `status`: whether frames are mirrored is looked at as long as the target was never found.
+    fn why_missed(&mut self, status: TargetStatus, frame: &Frame<'_>) -> TargetStatus {
+        let Self { mirrored, finder, searched, estimator, .. } = self;
+        mirrored.look(status, &frame.image, |image| {
+            finder.search(image, &mut searched.dots).is_ok() && {
+                estimator.describe(searched, finder, &Prior::default(), None, &[]);
+                estimator.believes(searched)
+            }
+        })
     }
 
     /// Which estimate of the frame is accepted: the one of the search (true), that in the windows (false), or none. `whole`: the one that is proposed.

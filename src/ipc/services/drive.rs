@@ -5,7 +5,7 @@ use crate::ipc::{DrivePresence, QuietSender, Receiver, Sender, WakeListener};
 use crate::messages::{DriveCommandMsg, DriveStateMsg, DriveTextMsg};
 
 /// Texts of an external drive that wait for their reader. Chosen by hand: there are some in a run, and control reads them in every tick.
-const TEXT_BUFFER: usize = 16;
+pub(super) const TEXT_BUFFER: usize = 16;
 
 impl Services {
     /// Control's end of `drive/command`.

@@ -1,6 +1,7 @@
 //! A view's ends of the services: of a run that is watched. They get what others get, and one place of each service is left free, so that however many
 //! watch, a recorder still finds one.
 
+use super::drive::TEXT_BUFFER;
 use super::recorder::REQUEST_BUFFER;
 use super::{
     Channel, DRIVE_RECORDER_BUFFER, HEALTH_BUFFER, IpcError, JOINT_STATE_BUFFER, MEASUREMENT_BUFFER,
@@ -9,8 +10,8 @@ use super::{
 use crate::ipc::frame_shape::MAX_READERS;
 use crate::ipc::{FrameShape, QuietFrameReceiver, Receiver};
 use crate::messages::{
-    CameraHealth, CameraId, DriveCommandMsg, DriveStateMsg, JointState, Measurement, RequestMsg, Status,
-    TraceMsg,
+    CameraHealth, CameraId, DriveCommandMsg, DriveStateMsg, DriveTextMsg, JointState, Measurement,
+    RequestMsg, Status, TraceMsg,
 };
 use iceoryx2::prelude::{PortFactory, ZeroCopySend};
 use std::fmt::Debug;
@@ -25,6 +26,8 @@ pub struct DriveViews {
     pub commands: Receiver<DriveCommandMsg>,
     /// That of `drive/state`.
     pub states: Receiver<DriveStateMsg>,
+    /// That of `drive/text`.
+    pub texts: Receiver<DriveTextMsg>,
 }
 
 impl Services {
@@ -84,7 +87,7 @@ impl Services {
         self.view(Channel::Request, REQUEST_BUFFER, REQUEST_BUFFER)
     }
 
-    /// A view's ends of `drive/command` and `drive/state`; `None` where it would leave no place to a recorder, and until `own` of the run's processes have
+    /// A view's ends of `drive/command`, `drive/state` and `drive/text`; `None` where it would leave no place to a recorder, and until `own` of the run's processes have
     /// theirs, which nobody who watches may take.
     ///
     /// # Errors
@@ -97,12 +100,15 @@ impl Services {
                 .number_of_subscribers(),
             self.publish_subscribe::<DriveStateMsg>(states, limit)?.dynamic_config().number_of_subscribers(),
         ];
-        if readers.iter().any(|count| *count < own || *count + 1 >= MAX_READERS) {
+        let texts = self.publish_subscribe::<DriveTextMsg>(Channel::DriveText, TEXT_BUFFER)?;
+        let texts = texts.dynamic_config().number_of_subscribers();
+        if readers.iter().any(|count| *count < own || *count + 1 >= MAX_READERS) || texts + 1 >= MAX_READERS {
             return Ok(None);
         }
         Ok(Some(DriveViews {
             commands: self.receiver(commands, limit, limit)?,
             states: self.receiver(states, limit, limit)?,
+            texts: self.receiver(Channel::DriveText, TEXT_BUFFER, TEXT_BUFFER)?,
         }))
     }
 

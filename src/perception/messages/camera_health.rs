@@ -1,6 +1,6 @@
 //! State and counters of a real camera: `camera/N/health`.
 
-use super::layout::record;
+use super::layout::{named_codes, record};
 use crate::time::MonoNs;
 #[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
@@ -58,12 +58,14 @@ impl CameraState {
     }
 }
 
-/// Bits of [`CameraHealth::flags`].
-pub mod health_flag {
-    /// The device's stamps are implausible: frames are stamped by their arrival.
-    pub const STAMPS_DOUBTED: u32 = 1;
-    /// The device delivers another frame rate than requested.
-    pub const RATE_MISSED: u32 = 2;
+named_codes! {
+    /// Bits of [`CameraHealth::flags`].
+    pub mod health_flag {
+        /// The device's stamps are implausible: frames are stamped by their arrival.
+        pub const STAMPS_DOUBTED: u32 = 1;
+        /// The device delivers another frame rate than requested.
+        pub const RATE_MISSED: u32 = 2;
+    }
 }
 
 record! {

@@ -1,7 +1,7 @@
 //! Requests to control and its answers: `control/command`.
 
 use super::drive_text::{DRIVE_TEXT_BYTES, text_of};
-use super::layout::record;
+use super::layout::{named_codes, record};
 use super::{MAX_FEATURES, MAX_JOINTS};
 #[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
@@ -225,12 +225,14 @@ impl ControlAnswer {
     }
 }
 
-/// Bits of [`ControlAnswer::flags`].
-pub mod answer_flag {
-    /// The run serves requests, and ends on request.
-    pub const SERVED: u32 = 1;
-    /// A reset was accepted, and waits until the robot has cleared its error.
-    pub const CLEARING: u32 = 2;
+named_codes! {
+    /// Bits of [`ControlAnswer::flags`].
+    pub mod answer_flag {
+        /// The run serves requests, and ends on request.
+        pub const SERVED: u32 = 1;
+        /// A reset was accepted, and waits until the robot has cleared its error.
+        pub const CLEARING: u32 = 2;
+    }
 }
 
 #[cfg(test)]

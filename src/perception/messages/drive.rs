@@ -15,7 +15,7 @@
 //! protocol, which every drive's program must share.
 
 use super::MAX_JOINTS;
-use super::layout::record;
+use super::layout::{named_codes, record};
 use crate::time::MonoNs;
 #[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
@@ -86,26 +86,28 @@ record! {
     }
 }
 
-/// Bits of [`DriveCommandMsg::flags`] and [`DriveStateMsg::flags`].
-pub mod drive_flag {
-    /// State: `q_true` and `qd_true` are valid.
-    pub const TRUTH: u32 = 1;
-    /// Command: a run begins. A simulator puts its arm at rest in `q_r`; every drive holds it there and answers with
-    /// an `INITIAL` state.
-    pub const START: u32 = 2;
-    /// State: the answer to `START`, tick 0.
-    pub const INITIAL: u32 = 4;
-    /// Command: the run has ended and no command follows; the drive holds its arm by its own means. Not answered.
-    pub const LAST: u32 = 8;
-    /// Command with `START`: the run is in lockstep, every command is answered with one state.
-    pub const LOCKSTEP: u32 = 16;
-    /// Command: somebody has asked for a reset while the robot reported a [`RobotState`](super::RobotState) that can be cleared. The drive clears the robot's
-    /// error, holds the arm until that is done, and then reports `Ready`. Without this bit it clears nothing.
-    pub const CLEAR: u32 = 32;
-    /// Command in mode torque: `tau` holds the arm's weight. Without this bit the robot is to add what does (`drive.torque_contains`).
-    pub const GRAVITY: u32 = 64;
-    /// Command in mode torque: `tau` makes up for the friction of the joints. Without this bit the robot is to do so (`drive.torque_contains`).
-    pub const FRICTION: u32 = 128;
+named_codes! {
+    /// Bits of [`DriveCommandMsg::flags`] and [`DriveStateMsg::flags`].
+    pub mod drive_flag {
+        /// State: `q_true` and `qd_true` are valid.
+        pub const TRUTH: u32 = 1;
+        /// Command: a run begins. A simulator puts its arm at rest in `q_r`; every drive holds it there and answers with
+        /// an `INITIAL` state.
+        pub const START: u32 = 2;
+        /// State: the answer to `START`, tick 0.
+        pub const INITIAL: u32 = 4;
+        /// Command: the run has ended and no command follows; the drive holds its arm by its own means. Not answered.
+        pub const LAST: u32 = 8;
+        /// Command with `START`: the run is in lockstep, every command is answered with one state.
+        pub const LOCKSTEP: u32 = 16;
+        /// Command: somebody has asked for a reset while the robot reported a [`RobotState`](super::RobotState) that can be cleared. The drive clears the robot's
+        /// error, holds the arm until that is done, and then reports `Ready`. Without this bit it clears nothing.
+        pub const CLEAR: u32 = 32;
+        /// Command in mode torque: `tau` holds the arm's weight. Without this bit the robot is to add what does (`drive.torque_contains`).
+        pub const GRAVITY: u32 = 64;
+        /// Command in mode torque: `tau` makes up for the friction of the joints. Without this bit the robot is to do so (`drive.torque_contains`).
+        pub const FRICTION: u32 = 128;
+    }
 }
 
 /// What a robot is beside its joints.

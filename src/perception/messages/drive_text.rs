@@ -9,7 +9,7 @@
 //! ```
 //! A drive that sends nothing here is one that tells no names and no words.
 
-use super::layout::record;
+use super::layout::{named_codes, record};
 use super::{MAX_JOINTS, RobotState};
 use crate::time::MonoNs;
 #[cfg(feature = "transport")]
@@ -44,12 +44,14 @@ record! {
     }
 }
 
-/// Values of [`DriveTextMsg::kind`]. The numbers here are those of the protocol, which every drive's program must share.
-pub mod text_kind {
-    /// Names of the joints.
-    pub const JOINTS: u32 = 1;
-    /// Words about the robot.
-    pub const ROBOT: u32 = 2;
+named_codes! {
+    /// Values of [`DriveTextMsg::kind`]. The numbers here are those of the protocol, which every drive's program must share.
+    pub mod text_kind {
+        /// Names of the joints.
+        pub const JOINTS: u32 = 1;
+        /// Words about the robot.
+        pub const ROBOT: u32 = 2;
+    }
 }
 
 impl Default for DriveTextMsg {

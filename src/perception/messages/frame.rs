@@ -1,7 +1,7 @@
 //! Headers of images: that of the frames that the camera process sends, `camera/N/frame`, and that of the images that another program gives to
 //! it, `camera/N/image`.
 
-use super::layout::record;
+use super::layout::{named_codes, record};
 use crate::time::MonoNs;
 #[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
@@ -60,8 +60,10 @@ record! {
     }
 }
 
-/// Bits of [`FrameHeader::flags`] and [`super::Measurement::flags`].
-pub mod frame_flag {
-    /// The source ends with this frame (replay, played once).
-    pub const LAST: u32 = 1;
+named_codes! {
+    /// Bits of [`FrameHeader::flags`] and [`super::Measurement::flags`].
+    pub mod frame_flag {
+        /// The source ends with this frame (replay, played once).
+        pub const LAST: u32 = 1;
+    }
 }

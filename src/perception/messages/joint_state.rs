@@ -1,7 +1,7 @@
 //! State of the arm's joints at each tick: `control/joint_state`.
 
 use super::MAX_JOINTS;
-use super::layout::record;
+use super::layout::{named_codes, record};
 use crate::time::MonoNs;
 #[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
@@ -42,8 +42,10 @@ record! {
     }
 }
 
-/// Bits of [`JointState::flags`].
-pub mod joint_flag {
-    /// `q_true` and `qd_true` are valid.
-    pub const TRUTH: u32 = 1;
+named_codes! {
+    /// Bits of [`JointState::flags`].
+    pub mod joint_flag {
+        /// `q_true` and `qd_true` are valid.
+        pub const TRUTH: u32 = 1;
+    }
 }

@@ -66,6 +66,17 @@ pub struct RecordLayout {
     pub fields: &'static [RecordField],
 }
 
+/// A number of the protocol that has a name: a bit of a field of flags, or a kind.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NamedCode {
+    /// Its name.
+    pub name: &'static str,
+    /// What it means.
+    pub about: &'static str,
+    /// The number.
+    pub code: u32,
+}
+
 /// A value that a field of a record can hold, as little-endian bytes.
 pub trait FieldValue: Copy {
     /// What it is.
@@ -192,4 +203,25 @@ macro_rules! record {
     };
 }
 
+/// Defines the named numbers of a field, and the list of them.
+macro_rules! named_codes {
+    (
+        $(#[doc = $about:literal])+
+        pub mod $name:ident {
+            $($(#[doc = $what:literal])+ pub const $NAME:ident: u32 = $code:expr;)+
+        }
+    ) => {
+        $(#[doc = $about])+
+        pub mod $name {
+            $($(#[doc = $what])+ pub const $NAME: u32 = $code;)+
+
+            /// All of them, in their order.
+            pub const ALL: &[$crate::messages::NamedCode] = &[
+                $($crate::messages::NamedCode { name: stringify!($NAME), about: concat!($($what),+), code: $code }),+
+            ];
+        }
+    };
+}
+
+pub(super) use named_codes;
 pub(super) use record;

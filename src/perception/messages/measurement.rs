@@ -1,23 +1,25 @@
 //! The measurement of one frame: `vision/N/measurement`. The numbers here are those of the protocol.
 
 use super::MAX_FEATURES;
-use super::layout::record;
+use super::layout::{named_codes, record};
 use crate::time::MonoNs;
 #[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
 
-/// Bits of [`Measurement::flags`] beside those of [`super::frame_flag`]: part of the protocol, from 8 on because those below are the frame's.
-pub mod measurement_flag {
-    /// `pose` and `pose_covariance` are valid.
-    pub const POSE: u32 = 1 << 8;
-    /// Found in predicted windows; without this bit the whole frame was searched.
-    pub const TRACKED: u32 = 1 << 9;
-    /// A second pose explains the image almost as well (planar ambiguity).
-    pub const AMBIGUOUS: u32 = 1 << 10;
-    /// Some of the target's points are occluded, or were left out as outliers.
-    pub const PARTIAL: u32 = 1 << 11;
-    /// The points fit no pose within noise, but steadily so: the description of lens, target or shutter is not exact. The stated uncertainties contain it.
-    pub const MODEL_ERROR: u32 = 1 << 12;
+named_codes! {
+    /// Bits of [`Measurement::flags`] beside those of [`super::frame_flag`]: part of the protocol, from 8 on because those below are the frame's.
+    pub mod measurement_flag {
+        /// `pose` and `pose_covariance` are valid.
+        pub const POSE: u32 = 1 << 8;
+        /// Found in predicted windows; without this bit the whole frame was searched.
+        pub const TRACKED: u32 = 1 << 9;
+        /// A second pose explains the image almost as well (planar ambiguity).
+        pub const AMBIGUOUS: u32 = 1 << 10;
+        /// Some of the target's points are occluded, or were left out as outliers.
+        pub const PARTIAL: u32 = 1 << 11;
+        /// The points fit no pose within noise, but steadily so: the description of lens, target or shutter is not exact. The stated uncertainties contain it.
+        pub const MODEL_ERROR: u32 = 1 << 12;
+    }
 }
 
 /// Result of the detection of the target in one frame.
@@ -47,6 +49,8 @@ pub enum TargetStatus {
     GivenUp = 9,
     /// Tags were read, but none that belongs to the target.
     OtherTags = 10,
+    /// The target is not in the frame, but in the mirrored frame it is: the camera, or the program that gives the frames, mirrors them.
+    Mirrored = 11,
 }
 
 impl TargetStatus {
@@ -65,6 +69,7 @@ impl TargetStatus {
             8 => Self::TooFewShared,
             9 => Self::GivenUp,
             10 => Self::OtherTags,
+            11 => Self::Mirrored,
             _ => Self::NoMatch,
         }
     }
@@ -86,6 +91,7 @@ impl TargetStatus {
             Self::TooFewShared => "fewer than three taught points in both images",
             Self::GivenUp => "the search was given up: too much in the frame looks like a part of the target",
             Self::OtherTags => "tags of other ids than the target's",
+            Self::Mirrored => "the target is there, but mirrored: the camera's frames are flipped",
         }
     }
 }

@@ -21,6 +21,7 @@ mod frame;
 mod joint_state;
 mod layout;
 mod measurement;
+mod record_layouts;
 mod request;
 mod status;
 #[cfg(test)]
@@ -34,8 +35,9 @@ pub use drive::{DriveCommandMsg, DriveStateMsg, RobotState, drive_flag};
 pub use drive_text::{DRIVE_TEXT_BYTES, DriveTextMsg, text_kind};
 pub use frame::{FrameHeader, ImageHeader, frame_flag};
 pub use joint_state::{JointState, joint_flag};
-pub use layout::{FieldType, FieldValue, MessageRecord, RecordField, RecordLayout};
+pub use layout::{FieldType, FieldValue, MessageRecord, NamedCode, RecordField, RecordLayout};
 pub use measurement::{FeaturePoint, Measurement, TargetStatus, measurement_flag};
+pub use record_layouts::RECORD_LAYOUTS;
 pub use request::RequestMsg;
 pub use status::{ControlState, Status, status_flag};
 pub use trace::{TRACE_LIMITS, TraceMsg, trace_flag};

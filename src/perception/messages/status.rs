@@ -1,6 +1,6 @@
 //! State of the run, 50 times a second: `control/status`.
 
-use super::layout::record;
+use super::layout::{named_codes, record};
 use crate::time::MonoNs;
 #[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
@@ -92,10 +92,12 @@ impl ControlState {
     }
 }
 
-/// Bits of [`Status::flags`].
-pub mod status_flag {
-    /// Some features are hidden; the law uses the others.
-    pub const DEGRADED: u32 = 1;
+named_codes! {
+    /// Bits of [`Status::flags`].
+    pub mod status_flag {
+        /// Some features are hidden; the law uses the others.
+        pub const DEGRADED: u32 = 1;
+    }
 }
 
 record! {

@@ -1,7 +1,7 @@
 //! Full record of each tick of control, for replay and analysis: `control/trace`, 1 kHz. The numbers here are those of the protocol.
 
 use super::MAX_JOINTS;
-use super::layout::record;
+use super::layout::{named_codes, record};
 use crate::time::MonoNs;
 #[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
@@ -83,41 +83,45 @@ record! {
     }
 }
 
-/// Bits of [`TraceMsg::flags`].
-pub mod trace_flag {
-    /// A measurement arrived with this tick.
-    pub const MEASUREMENT: u32 = 1;
-    /// `q_true` and `qd_true` are valid.
-    pub const TRUTH: u32 = 2;
-    /// The run is over: no record follows.
-    pub const LAST: u32 = 4;
-    /// The drive had no new state in time.
-    pub const LATE_STATE: u32 = 8;
-    /// A signal, or the process of control itself, asked for the end at the begin of this tick.
-    pub const END_ASKED: u32 = 16;
-    /// `stop` was asked for at the begin of this tick by the stop word.
-    pub const STOP_ASKED: u32 = 32;
-    /// `shutdown` was asked for at the begin of this tick by the stop word.
-    pub const SHUTDOWN_ASKED: u32 = 64;
-    /// The mission gave out its orders when it had seen this record; without this bit it saw the next one first.
-    pub const ORDERS_GIVEN: u32 = 128;
-    /// The drive was an arm that was recorded, and this its last state.
-    pub const MOTION_OVER: u32 = 1 << 27;
-    /// From this bit on, up to [`MOTION_OVER`]: the code of the fault that was reported to control at this tick from outside, by the drive or the process; 0: none.
-    pub const REPORTED_FAULT: u32 = 8;
-    /// From this bit on: the code of the [`RobotState`](crate::messages::RobotState) that the drive reported at this tick.
-    pub const ROBOT_STATE: u32 = 28;
+named_codes! {
+    /// Bits of [`TraceMsg::flags`].
+    pub mod trace_flag {
+        /// A measurement arrived with this tick.
+        pub const MEASUREMENT: u32 = 1;
+        /// `q_true` and `qd_true` are valid.
+        pub const TRUTH: u32 = 2;
+        /// The run is over: no record follows.
+        pub const LAST: u32 = 4;
+        /// The drive had no new state in time.
+        pub const LATE_STATE: u32 = 8;
+        /// A signal, or the process of control itself, asked for the end at the begin of this tick.
+        pub const END_ASKED: u32 = 16;
+        /// `stop` was asked for at the begin of this tick by the stop word.
+        pub const STOP_ASKED: u32 = 32;
+        /// `shutdown` was asked for at the begin of this tick by the stop word.
+        pub const SHUTDOWN_ASKED: u32 = 64;
+        /// The mission gave out its orders when it had seen this record; without this bit it saw the next one first.
+        pub const ORDERS_GIVEN: u32 = 128;
+        /// The drive was an arm that was recorded, and this its last state.
+        pub const MOTION_OVER: u32 = 1 << 27;
+        /// From this bit on, up to [`MOTION_OVER`]: the code of the fault that was reported to control at this tick from outside, by the drive or the process; 0: none.
+        pub const REPORTED_FAULT: u32 = 8;
+        /// From this bit on: the code of the [`RobotState`](crate::messages::RobotState) that the drive reported at this tick.
+        pub const ROBOT_STATE: u32 = 28;
+    }
+}
 
-    /// The code of the reported fault in flags.
+impl TraceMsg {
+    /// The code of the reported fault in [`Self::flags`].
     #[must_use]
     pub fn reported_fault_of(flags: u32) -> u32 {
-        (flags & (MOTION_OVER - 1)) >> REPORTED_FAULT
+        (flags & (trace_flag::MOTION_OVER - 1)) >> trace_flag::REPORTED_FAULT
     }
 
-    /// The code of the robot's state in flags.
+    /// The code of the robot's state in [`Self::flags`].
     #[must_use]
     pub fn robot_state_of(flags: u32) -> u32 {
-        flags >> ROBOT_STATE
+        flags >> trace_flag::ROBOT_STATE
     }
 }
 
@@ -142,7 +146,7 @@ mod tests {
     fn faults_and_states_of_the_robot_share_the_flags() {
         use trace_flag::*;
         let flags = LATE_STATE | ORDERS_GIVEN | MOTION_OVER | 31 << REPORTED_FAULT | 10 << ROBOT_STATE;
-        assert_eq!((reported_fault_of(flags), robot_state_of(flags)), (31, 10));
-        assert_eq!((reported_fault_of(255), robot_state_of(255)), (0, 0));
+        assert_eq!((TraceMsg::reported_fault_of(flags), TraceMsg::robot_state_of(flags)), (31, 10));
+        assert_eq!((TraceMsg::reported_fault_of(255), TraceMsg::robot_state_of(255)), (0, 0));
     }
 }

@@ -4,8 +4,8 @@ use super::hub::ChannelHub;
 use crate::config::{Config, DriveKind};
 use crate::export::{DerivedMessage, DerivedMessages};
 use crate::messages::{
-    CameraHealth, DriveCommandMsg, DriveStateMsg, FrameHeader, JointState, Measurement, MessageRecord,
-    RequestMsg, Status, TraceMsg,
+    CameraHealth, DriveCommandMsg, DriveStateMsg, DriveTextMsg, FrameHeader, JointState, Measurement,
+    MessageRecord, RequestMsg, Status, TraceMsg,
 };
 use crate::monitor::WatchedRecord;
 use crate::record::{CDR_LITTLE_ENDIAN, IMAGE_NAME, IMAGE_SCHEMA, ImageMessage, ros2_name, ros2_schema};
@@ -51,6 +51,7 @@ impl LivePublisher {
         if config.drive.kind == DriveKind::External {
             publisher.offer::<DriveCommandMsg>("/drive/command");
             publisher.offer::<DriveStateMsg>("/drive/state");
+            publisher.offer::<DriveTextMsg>("/drive/text");
         }
         for camera in config.cameras() {
             publisher.offer::<CameraHealth>(&format!("/camera/{}/health", camera.id));
@@ -100,6 +101,7 @@ impl LivePublisher {
             }
             WatchedRecord::DriveCommand(command) => self.record("/drive/command", command.stamp, *command),
             WatchedRecord::DriveState(state) => self.record("/drive/state", state.stamp, *state),
+            WatchedRecord::DriveText(text) => self.record("/drive/text", text.stamp, *text),
             WatchedRecord::Health(camera, health) => {
                 self.record(&format!("/camera/{camera}/health"), health.stamp, *health);
             }

@@ -19,6 +19,8 @@ word! {
         Saturated,
         /// The lower half of frames is that of the one before.
         Torn,
+        /// Left and right of frames are exchanged.
+        Mirror,
         /// Blocks of frames have levels at random.
         Corrupt,
         /// Measurements are the last good one before once more, with its stamp.

@@ -99,6 +99,7 @@ fn fault(
         FaultKind::Black => FrameFault::Black,
         FaultKind::Saturated => FrameFault::Saturated,
         FaultKind::Torn => FrameFault::Torn,
+        FaultKind::Mirror => FrameFault::Mirror,
         FaultKind::Corrupt => FrameFault::Corrupt(sized(share, 0.2)),
         FaultKind::Stale => return all.measurements.push((MeasurementFault::Stale, window)),
         FaultKind::Jump => {

@@ -25,7 +25,7 @@ const STEP: f64 = 2.0;
 pub struct CheckedPoint {
     place: usize,
     /// Number of joints that move it, from the base on.
-    pub(super) joints: usize,
+    pub joints: usize,
     /// Its radius, m.
     pub radius_m: f64,
 }

@@ -6,9 +6,10 @@ mod draw;
 
 use super::errors::{camera_errors, cell_pose, frame_suffix};
 use super::record::RunRecord;
+use crate::report::isometric::Isometric;
 use crate::report::numbers::significant;
 use crate::report::page::{figure, heading};
-use draw::{Isometric, draw};
+use draw::draw;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 /// The axis of B that is nearest to upwards.

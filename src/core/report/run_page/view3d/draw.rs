@@ -1,37 +1,11 @@
-//! From space to paper.
+//! The scenes on paper.
 //!
 //! The numbers here are layout, or keep logarithms and divisions from zero and infinity; they were chosen by hand.
 
 use super::SceneDrawing;
 use crate::report::chart::{Anchor, Area, Canvas, Width};
+use crate::report::isometric::Isometric;
 use nalgebra::{Point3, Vector3};
-
-/// From space to paper: along a diagonal of a cube whose upright edge is up.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Isometric {
-    pub(super) right: Vector3<f64>,
-    pub(super) up: Vector3<f64>,
-}
-
-impl Isometric {
-    /// Looking down, from the quarter `quarter` (0 to 3) about the upright axis `upright` of B, which is one of its axes.
-    pub(super) fn new(upright: &Vector3<f64>, quarter: usize) -> Self {
-        let a = if upright.x.abs() > 0.5 { Vector3::y() } else { Vector3::x() };
-        let b = upright.cross(&a);
-        let (a, b) = match quarter % 4 {
-            0 => (a, b),
-            1 => (b, -a),
-            2 => (-a, -b),
-            _ => (-b, a),
-        };
-        // The eye is at a + b + upright.
-        Self { right: (b - a) / 2f64.sqrt(), up: (upright * 2.0 - a - b) / 6f64.sqrt() }
-    }
-
-    pub(super) fn flat(&self, p: &Point3<f64>) -> [f64; 2] {
-        [self.right.dot(&p.coords), self.up.dot(&p.coords)]
-    }
-}
 
 /// The scenes side by side, or one below the other.
 pub(super) fn draw(scenes: &[SceneDrawing], view: &Isometric, width: Width) -> String {
