@@ -234,6 +234,7 @@ pub fn simulated_settings<const N: usize>(
         ripple: arm.ripple.map(|ripple| TorqueRipple { seed: config.seed, ..ripple }),
         base: arm.base.map(|base| ShakingBase { seed: config.seed, ..base }),
         effort_limits: arm.effort_limits,
+        tells_torque: arm.tells_torque,
         command_delay_ticks: arm.command_delay_ticks,
         arm: truth.map(|robot| {
             let friction = true_friction(&robot, arm, config.seed);

@@ -225,6 +225,8 @@ pub struct SimulatedArm {
     pub base: Option<ShakingBase>,
     /// Whether effort limits act.
     pub effort_limits: bool,
+    /// Whether states tell the motors' torques.
+    pub tells_torque: bool,
     /// Delay of commands, ticks.
     pub command_delay_ticks: usize,
     /// Step of each joint's encoder, rad or m.

@@ -59,6 +59,8 @@ pub struct SimulatedDriveSettings<const N: usize> {
     pub base: Option<ShakingBase>,
     /// Whether torques are cut at the effort limits.
     pub effort_limits: bool,
+    /// Whether states tell the torques of the motors.
+    pub tells_torque: bool,
     /// Commands between the one that is written and the one that acts.
     pub command_delay_ticks: usize,
     /// The arm as it is, where that is not what controller and inner servo believe.
@@ -90,6 +92,7 @@ impl<const N: usize> Default for SimulatedDriveSettings<N> {
             ripple: None,
             base: None,
             effort_limits: true,
+            tells_torque: false,
             command_delay_ticks: 0,
             arm: None,
             q_offset: SVector::zeros(),
@@ -125,6 +128,9 @@ pub struct SimulatedDrive<const N: usize> {
     gravity_B: Vector3<f64>,
     elapsed_s: f64,
     effort_limits: bool,
+    tells_torque: bool,
+    /// The torques of the motors in the last step, N m or N.
+    tau: Option<SVector<f64, N>>,
     commands: Delay<N>,
     servo: VelocityLoop<N>,
     surroundings: Surroundings,
@@ -176,6 +182,8 @@ impl<const N: usize> SimulatedDrive<N> {
             robot: true_arm,
             nominal: robot,
             effort_limits: settings.effort_limits,
+            tells_torque: settings.tells_torque,
+            tau: None,
             commands: Delay::new(settings.command_delay_ticks),
             servo: VelocityLoop::new(settings.servo),
             surroundings: settings.surroundings,
@@ -225,6 +233,7 @@ impl<const N: usize> SimulatedDrive<N> {
 
     fn integrate(&mut self, h: f64) {
         let Some(tau) = self.torque(h) else { return };
+        self.tau = Some(tau);
         if let Some(base) = &self.base {
             // What accelerates the base is felt as gravity against it.
             let gravity_B = self.gravity_B - base.acceleration(self.elapsed_s + 0.5 * h);
@@ -291,6 +300,10 @@ impl<const N: usize> Drive<N> for SimulatedDrive<N> {
             let speed = self.elastic.as_ref().map_or(self.qd, |elastic| elastic.theta_d);
             self.servo.take(command, &speed);
         }
+    }
+
+    fn measured_torque(&self) -> Option<SVector<f64, N>> {
+        self.tau.filter(|_| self.tells_torque)
     }
 
     fn modes(&self) -> &'static [CommandMode] {

@@ -79,6 +79,8 @@ table! {
         base_frequency_hz: f64 = 5.0,
         /// Whether torques are cut at the effort limits of the robot file.
         effort_limits: bool = true,
+        /// Whether its states tell the torques of its motors, as those of a drive that measures them do.
+        tells_torque: bool = false,
         /// Ticks from the writing of a command to its effect, beside the one in which it is computed.
         command_delay_ticks: u32 = 0,
         /// Step of the joint encoders, rad or m; one value stands for all joints, 0 is exact.

@@ -45,6 +45,7 @@ pub(super) fn drive(
         ripple: ripple(s, check),
         base: base(s, check),
         effort_limits: s.effort_limits,
+        tells_torque: s.tells_torque,
         command_delay_ticks: check.count(
             "drive.simulated.command_delay_ticks",
             s.command_delay_ticks,
