@@ -6,6 +6,7 @@ use crate::control::safety::Fault;
 use crate::input::printable;
 use crate::ipc::Instance;
 use crate::messages::{CameraState, ControlAnswer, ControlState, RobotState, TargetStatus, answer_flag};
+use crate::report::summary::ContactReport;
 use serde::Serialize;
 use std::fmt::Write as _;
 
@@ -32,6 +33,8 @@ pub struct RunAnswer {
     pub robot_text: Option<String>,
     /// What a reset that was accepted waits for.
     pub waits_for: Option<&'static str>,
+    /// What touches the arm, or stopped it where that fault stands.
+    pub contact: Option<ContactReport>,
     /// What the last measurement showed of the target.
     pub target: Option<&'static str>,
     /// The state of a real camera.
@@ -91,6 +94,7 @@ impl RunAnswer {
             robot_text: Some(a.robot_text()).filter(|words| !words.is_empty()),
             waits_for: (a.flags & answer_flag::CLEARING != 0)
                 .then(|| waits_for(RobotState::from_code(a.robot_state))),
+            contact: contact_of(a),
             target: Some(TargetStatus::from_code(a.target).as_str()),
             camera: Some(CameraState::from_code(a.camera_state))
                 .filter(|state| *state != CameraState::Unknown)
@@ -128,6 +132,7 @@ impl RunAnswer {
             robot_code: None,
             robot_text: None,
             waits_for: None,
+            contact: None,
             target: None,
             camera: None,
             camera_state_s: None,
@@ -181,6 +186,9 @@ impl RunAnswer {
         if let Some(words) = &self.robot_text {
             let _ = write!(line, ": {}", printable(words));
         }
+        if let Some(contact) = &self.contact {
+            let _ = write!(line, ", touched: {}", contact.to_text());
+        }
         if let Some(target) = &self.target_name {
             let _ = write!(line, ", target {}", printable(target));
         }
@@ -206,6 +214,17 @@ impl RunAnswer {
         }
         line + "\n"
     }
+}
+
+/// What touches the arm, by an answer.
+fn contact_of(a: &ControlAnswer) -> Option<ContactReport> {
+    let joint = a.contact_joint.checked_sub(1)? as usize;
+    let is_known = a.contact_torque.is_finite();
+    Some(ContactReport {
+        joint,
+        torque_n_m_or_n: is_known.then_some(a.contact_torque),
+        force_n: is_known.then_some(a.contact_force),
+    })
 }
 
 /// The name of target `number`, where there are several.

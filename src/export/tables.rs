@@ -147,7 +147,7 @@ fn joint_quantity(name: &str) -> Option<[&'static str; 2]> {
     match name {
         "q" | "q_r" | "q_true" => Some(["rad", "m"]),
         "qd" | "qd_r" | "qd_true" | "requested_qd" => Some(["rad_s", "m_s"]),
-        "tau" | "external_torque" | "external_torque_sd" => Some(["n_m", "n"]),
+        "tau" | "external_torque" | "external_torque_sd" | "measured_torque" => Some(["n_m", "n"]),
         _ => None,
     }
 }

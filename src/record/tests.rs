@@ -135,7 +135,7 @@ fn files_facts_and_images_come_back() {
     let message = reader.next_message().unwrap().unwrap();
     assert_eq!((message.record::<Measurement>().unwrap(), message.sequence), (measurement, 0));
     let error = message.record::<TraceMsg>().unwrap_err().to_string();
-    assert!(error.contains("carries vservo.Measurement.v4, this program knows vservo.Trace.v4"), "{error}");
+    assert!(error.contains("carries vservo.Measurement.v4, this program knows vservo.Trace.v5"), "{error}");
     assert!(message.image().is_err());
     assert!(reader.next_message().unwrap().is_none() && reader.cut_off().is_none());
     assert_eq!(reader.metadata()[END]["lost"], "0");

@@ -12,6 +12,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 struct Then<const N: usize> {
     state: DriveState<N>,
     health: DriveHealth,
+    /// The torques that the state carried, N m or N.
+    measured: Option<SVector<f64, N>>,
     /// Whether the state came late.
     late: bool,
     /// Whether it was the last one of an arm that was recorded then.
@@ -26,7 +28,8 @@ impl<const N: usize> RecordedArm<N> {
     pub(super) fn new() -> Self {
         let zero = SVector::zeros();
         let state = DriveState { q: zero, qd: zero, truth: None };
-        Self(Arc::new(Mutex::new(Then { state, health: DriveHealth::default(), late: false, over: false })))
+        let health = DriveHealth::default();
+        Self(Arc::new(Mutex::new(Then { state, health, measured: None, late: false, over: false })))
     }
 
     /// The next state and fault are those of the tick of `trace`.
@@ -38,6 +41,8 @@ impl<const N: usize> RecordedArm<N> {
             qd: vector(&trace.qd),
             truth: truth.then(|| (vector(&trace.q_true), vector(&trace.qd_true))),
         };
+        let measured: SVector<f64, N> = vector(&trace.measured_torque);
+        then.measured = measured.iter().all(|tau| !tau.is_nan()).then_some(measured);
         then.over = trace.flags & trace_flag::MOTION_OVER != 0;
         then.late = trace.flags & trace_flag::LATE_STATE != 0;
         then.health.robot.state = RobotState::from_code(TraceMsg::robot_state_of(trace.flags));
@@ -64,6 +69,10 @@ impl<const N: usize> Drive<N> for RecordedArm<N> {
             then.health.late_states += 1;
         }
         then.state
+    }
+
+    fn measured_torque(&self) -> Option<SVector<f64, N>> {
+        self.then().measured
     }
 
     fn write(&mut self, _command: &DriveCommand<N>) {}

@@ -204,6 +204,81 @@ fn a_joint_that_is_stopped_in_its_motion_is_told_at_once() {
     }
 }
 
+/// An arm that floats gives way to a hand for as long as that pushes, gently, and stays where it is left; one that stops does not give way.
+#[test]
+fn an_arm_that_floats_is_moved_by_hand() {
+    for file in ["ur5", "panda"] {
+        let way_along_the_push = |reaction: &str| {
+            let push = "drive.simulated.push={force_n=[0.0,60.0,0.0],from_s=0.5,until_s=2.5}";
+            let config = load(file, &[format!("safety.contact={reaction}"), push.into()]);
+            let (mut tick, mut at, mut fault, mut fastest, mut speed) = (0, Vec::new(), None, 0.0_f64, 0.0);
+            simulate_system(&config, &mut |moment| {
+                if let Moment::Tick(trace, _) = moment {
+                    tick += 1;
+                    fault = fault.or(trace.fault.map(|kind| (tick, kind)));
+                    let (p, v) = flange(&config, &trace.joint_state);
+                    at.push(p.y);
+                    if fault.is_some_and(|(from, _)| tick > from + 300) {
+                        fastest = fastest.max(v.norm());
+                    }
+                    speed = trace.joint_state.qd_true.iter().fold(0.0_f64, |most, qd| most.max(qd.abs()));
+                }
+                ControlFlow::Continue(())
+            })
+            .unwrap();
+            let (noticed, kind) = fault.unwrap();
+            assert_eq!(kind, Fault::Contact, "{file} {reaction}");
+            assert!(speed < 0.02, "{file} {reaction}: ends with {speed}");
+            assert!(fastest < 0.5, "{file} {reaction}: {fastest} m/s");
+            // Within what it takes to brake it goes on either way.
+            at.last().unwrap() - at.get(noticed + 300).or(at.last()).unwrap()
+        };
+        let (floats, stops) = (way_along_the_push("float"), way_along_the_push("stop"));
+        println!("{file}: {:.1} mm floating, {:.1} mm stopping", 1e3 * floats, 1e3 * stops);
+        assert!(floats > 0.03 && stops.abs() < 0.01, "{file}: {floats} {stops}");
+    }
+}
+
+/// A drive that closes its own loop and measures its torques: the force at the flange and its direction are told, and a wall is noticed sooner than by the lag alone. Without contact
+/// nothing is told.
+#[test]
+fn torques_that_a_drive_measures_tell_the_force() {
+    for file in ["ur5", "panda"] {
+        for mode in ["velocity", "position"] {
+            let [by_lag, by_torque] = ["false", "true"].map(|tells| {
+                let met = with_a_wall(
+                    file,
+                    &[&format!("drive.mode={mode}"), &format!("drive.simulated.tells_torque={tells}")],
+                );
+                met.fault.unwrap().0 - met.touched.unwrap()
+            });
+            println!("{file} {mode}: {by_lag} ms by lag, {by_torque} ms by torque");
+            assert!(by_torque < by_lag, "{file} {mode}: {by_torque} {by_lag}");
+        }
+    }
+    let push = "drive.simulated.push={force_n=[0.0,0.0,-80.0],from_s=0.6,until_s=1.1}";
+    for mode in ["torque", "velocity", "position"] {
+        let tells = "drive.simulated.tells_torque=true".to_owned();
+        let config =
+            load("ur5", &[format!("drive.mode={mode}"), tells, push.into(), "safety.contact=ignore".into()]);
+        let (mut told, mut tick) = (Vec::new(), 0);
+        simulate_system(&config, &mut |moment| {
+            if let Moment::Tick(trace, _) = moment {
+                tick += 1;
+                told.extend(trace.contact.map(|contact| (tick, contact)));
+            }
+            ControlFlow::Continue(())
+        })
+        .unwrap();
+        assert!(told.iter().all(|(tick, _)| (600..1200).contains(tick)), "{mode}: {:?}", told.first());
+        let last = told.iter().rev().find(|(tick, _)| (700..1100).contains(tick));
+        let force = last.and_then(|(_, contact)| contact.force_B).unwrap();
+        let along = force.normalize().dot(&-Vector3::z());
+        println!("{mode}: {force:?}");
+        assert!(along > 0.9 && (40.0..120.0).contains(&force.norm()), "{mode}: {force}");
+    }
+}
+
 /// A push during a motion: an arm that is to ignore it converges all the same, and does not swing.
 #[test]
 fn a_push_that_is_ignored_is_given_way_to() {

@@ -15,6 +15,7 @@ mod dot_grid;
 mod dot_grid_truth;
 mod dots_truth;
 mod edges_real;
+mod everything_at_once;
 mod following;
 mod friction;
 mod goal_noise;

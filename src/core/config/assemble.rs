@@ -229,11 +229,13 @@ pub fn simulated_settings<const N: usize>(
         substeps: arm.substeps,
         friction: arm.friction,
         hard_friction: arm.hard_friction,
+        bristle_way: arm.bristle_way,
         rotor_inertia,
         wind_up: arm.wind_up,
         ripple: arm.ripple.map(|ripple| TorqueRipple { seed: config.seed, ..ripple }),
         base: arm.base.map(|base| ShakingBase { seed: config.seed, ..base }),
         effort_limits: arm.effort_limits,
+        tells_torque: arm.tells_torque,
         command_delay_ticks: arm.command_delay_ticks,
         arm: truth.map(|robot| {
             let friction = true_friction(&robot, arm, config.seed);

@@ -84,6 +84,7 @@ impl<const N: usize> ControlLoop<N> {
     pub fn sense(&mut self, tick: u64, now: MonoNs) -> JointState {
         let late = self.drive.health().late_states;
         self.sensed = self.drive.read(now);
+        self.controller.hear_torque(self.drive.measured_torque());
         if self.drive.health().late_states > late {
             self.controller.follow_anew();
             self.inputs |= trace_flag::LATE_STATE;
@@ -164,6 +165,7 @@ impl<const N: usize> ControlLoop<N> {
             external_torque: output
                 .external_torque
                 .map_or([[f64::NAN; MAX_JOINTS]; 2], |(torque, sd)| [torque, sd].map(|v| padded(&v))),
+            contact: output.contact,
             measured_torque: self.drive.measured_torque().map(|tau| padded(&tau)),
             events: std::mem::take(&mut self.events),
             ..Trace::at(now)

@@ -9,7 +9,7 @@ pub use record::event_words;
 
 use super::lifecycle::Request;
 use super::outcome::Finish;
-use super::safety::Fault;
+use super::safety::{Contact, Fault};
 use crate::drive::RobotReport;
 use crate::messages::{ControlState, JointState, MAX_JOINTS, Measurement, Status};
 use crate::motion::{ActingLimits, SpaceLimit};
@@ -64,6 +64,8 @@ pub struct Trace {
     pub held_by: Option<SpaceLimit>,
     /// The torque of each joint that comes from outside, N m or N, and its standard deviation; NaN where torques are not known.
     pub external_torque: [[f64; MAX_JOINTS]; 2],
+    /// What touches the arm, or stopped it where that fault stands.
+    pub contact: Option<Contact>,
     /// The joint torques that the drive's state carries, N m or N; `None` where it measures none.
     pub measured_torque: Option<[f64; MAX_JOINTS]>,
     /// The events of the tick; the mission adds its own.
@@ -101,6 +103,7 @@ impl Trace {
             limits: ActingLimits::default(),
             held_by: None,
             external_torque: [[f64::NAN; MAX_JOINTS]; 2],
+            contact: None,
             measured_torque: None,
             events: Events::default(),
             status: None,

@@ -8,6 +8,7 @@
 //! ```
 //! Until the first command arrives the arm is held by its brakes and does not move.
 
+use super::bristles::Bristles;
 use super::delay::{Delay, MAX_DELAY};
 use super::elastic_joints::ElasticJoints;
 use super::encoder::Encoder;
@@ -49,6 +50,8 @@ pub struct SimulatedDriveSettings<const N: usize> {
     pub friction: bool,
     /// How it does near to a standstill; `None`: it changes its sign smoothly, as in the model.
     pub hard_friction: Option<HardFriction>,
+    /// Of rigid joints with hard friction: by how much they yield before they slip (LuGre), rad or m; `None`: not at all.
+    pub bristle_way: Option<f64>,
     /// Inertia of the rotors beyond that of the arm's file, as the joints feel it, kg m^2 or kg.
     pub rotor_inertia: SVector<f64, N>,
     /// By how much joints yield to their largest efforts, rad or m; `None`: they are rigid. The encoders are on the motors.
@@ -59,6 +62,8 @@ pub struct SimulatedDriveSettings<const N: usize> {
     pub base: Option<ShakingBase>,
     /// Whether torques are cut at the effort limits.
     pub effort_limits: bool,
+    /// Whether states tell the torques of the motors.
+    pub tells_torque: bool,
     /// Commands between the one that is written and the one that acts.
     pub command_delay_ticks: usize,
     /// The arm as it is, where that is not what controller and inner servo believe.
@@ -85,11 +90,13 @@ impl<const N: usize> Default for SimulatedDriveSettings<N> {
             substeps: 1,
             friction: true,
             hard_friction: None,
+            bristle_way: None,
             rotor_inertia: SVector::zeros(),
             wind_up: None,
             ripple: None,
             base: None,
             effort_limits: true,
+            tells_torque: false,
             command_delay_ticks: 0,
             arm: None,
             q_offset: SVector::zeros(),
@@ -118,6 +125,7 @@ pub struct SimulatedDrive<const N: usize> {
     mode: CommandMode,
     friction: bool,
     hard_friction: Option<HardFriction>,
+    bristles: Option<Bristles<N>>,
     elastic: Option<Box<ElasticJoints<N>>>,
     ripple: Option<TorqueRipple>,
     base: Option<ShakingBase>,
@@ -125,6 +133,9 @@ pub struct SimulatedDrive<const N: usize> {
     gravity_B: Vector3<f64>,
     elapsed_s: f64,
     effort_limits: bool,
+    tells_torque: bool,
+    /// The torques of the motors in the last step, N m or N.
+    tau: Option<SVector<f64, N>>,
     commands: Delay<N>,
     servo: VelocityLoop<N>,
     surroundings: Surroundings,
@@ -173,9 +184,15 @@ impl<const N: usize> SimulatedDrive<N> {
             mode: settings.mode,
             friction,
             hard_friction: settings.hard_friction,
+            bristles: settings
+                .hard_friction
+                .zip(settings.bristle_way)
+                .map(|(hard, way)| Bristles::new(hard, way)),
             robot: true_arm,
             nominal: robot,
             effort_limits: settings.effort_limits,
+            tells_torque: settings.tells_torque,
+            tau: None,
             commands: Delay::new(settings.command_delay_ticks),
             servo: VelocityLoop::new(settings.servo),
             surroundings: settings.surroundings,
@@ -225,6 +242,7 @@ impl<const N: usize> SimulatedDrive<N> {
 
     fn integrate(&mut self, h: f64) {
         let Some(tau) = self.torque(h) else { return };
+        self.tau = Some(tau);
         if let Some(base) = &self.base {
             // What accelerates the base is felt as gravity against it.
             let gravity_B = self.gravity_B - base.acceleration(self.elapsed_s + 0.5 * h);
@@ -245,22 +263,25 @@ impl<const N: usize> SimulatedDrive<N> {
         let tau = tau + outside;
         let v = self.qd;
         // The friction of the step's beginning acts throughout; what it changes by is settled at the end.
-        let friction = match (self.friction, self.hard_friction) {
-            (false, _) => SVector::zeros(),
-            (true, None) => self.robot.friction_torque(&v),
-            (true, Some(hard)) => hard.torque(&self.robot, &v),
+        let friction = match (self.friction, self.hard_friction, &self.bristles) {
+            (false, ..) => SVector::zeros(),
+            (true, None, _) => self.robot.friction_torque(&v),
+            (true, Some(_), Some(bristles)) => bristles.torque(&self.robot, &v),
+            (true, Some(hard), None) => hard.torque(&self.robot, &v),
         };
         let before = self.q;
         (self.q, self.qd) = self.robot.integrate(&self.q, &v, &(tau - friction), h);
         if self.friction {
             let smooth = self.qd;
             let impulse = friction * h;
-            self.qd = match self.hard_friction {
-                None => after_friction(&self.robot, &self.q, v, (&smooth, &impulse), h),
-                Some(hard) => hard.after(&self.robot, &self.q, &v, (&smooth, &impulse), h),
+            let momentum = (&smooth, &impulse);
+            self.qd = match (self.hard_friction, &mut self.bristles) {
+                (None, _) => after_friction(&self.robot, &self.q, v, momentum, h),
+                (Some(_), Some(bristles)) => bristles.after(&self.robot, &self.q, &v, momentum, h),
+                (Some(hard), None) => hard.after(&self.robot, &self.q, &v, momentum, h),
             };
             self.q += (self.qd - smooth) * (h / 2.0);
-            if self.hard_friction.is_some() {
+            if self.hard_friction.is_some() && self.bristles.is_none() {
                 // What is held does not creep, not even by the last digits.
                 (0..N).filter(|i| v[*i] == 0.0 && self.qd[*i] == 0.0).for_each(|i| self.q[i] = before[i]);
             }
@@ -291,6 +312,10 @@ impl<const N: usize> Drive<N> for SimulatedDrive<N> {
             let speed = self.elastic.as_ref().map_or(self.qd, |elastic| elastic.theta_d);
             self.servo.take(command, &speed);
         }
+    }
+
+    fn measured_torque(&self) -> Option<SVector<f64, N>> {
+        self.tau.filter(|_| self.tells_torque)
     }
 
     fn modes(&self) -> &'static [CommandMode] {

@@ -1,6 +1,7 @@
 //! Errors and status of a run.
 
 use super::{FinalErrors, MeasuredErrors, Mission};
+use crate::control::safety::ContactNumbers;
 use crate::control::trace::Trace;
 use crate::geometry::{Pose, rotation_angle};
 use crate::messages::{Status, status_flag};
@@ -65,6 +66,7 @@ impl<const N: usize> Mission<N> {
         let vision = self.measurements.vision_counts();
         let latency = self.measurements.latency();
         let us = |span: Option<SpanNs>| span.map_or(f64::NAN, SpanNs::as_us);
+        let contact = ContactNumbers::of(trace.contact.as_ref());
         Status {
             tick: trace.joint_state.tick,
             sequence: self.statuses,
@@ -87,6 +89,8 @@ impl<const N: usize> Mission<N> {
             camera_state_s: f64::NAN,
             stability: self.plan.stability,
             at_goal_s: self.goal_watch.at_goal_s(trace.time),
+            contact_torque: contact.torque,
+            contact_force: contact.force,
             state: self.state as u32,
             target: m.status,
             limits: self.acted.kinds(),
@@ -98,7 +102,7 @@ impl<const N: usize> Mission<N> {
             camera_restarts: 0, // these too
             vision_restarts: 0,
             target_number: self.goal.set_point.target(),
-            reserved: 0,
+            contact_joint: contact.joint,
         }
     }
 }

@@ -63,8 +63,7 @@ fn record_name(layout: &RecordLayout) -> &'static str {
 
 /// Documentation as one line without the marks of Rust's.
 fn plain(about: &str) -> String {
-    let about =
-        about.trim().replace("](crate::messages::RobotState)", "]").replace("](super::RobotState)", "]");
+    let about = without_links(about.trim());
     let without: String = about.chars().filter(|c| !matches!(c, '[' | ']' | '`')).collect();
     without
         .replace("super::", "")
@@ -72,6 +71,13 @@ fn plain(about: &str) -> String {
         .replace("::", ".")
         .replace("*/", "* /")
         .replace('"', "'")
+}
+
+/// The text without the targets of its links.
+fn without_links(about: &str) -> String {
+    let mut parts = about.split("](");
+    let first = parts.next().unwrap_or_default().to_owned();
+    parts.fold(first, |text, part| text + part.split_once(')').map_or(part, |(_, rest)| rest))
 }
 
 /// Numbers with names, by the field or kind that they are of.
@@ -222,6 +228,7 @@ mod tests {
             }
         }
         assert_eq!(constant_name("Drive(OutOfStep)"), "DRIVE_OUT_OF_STEP");
+        assert_eq!(plain("a [`Flag`](super::Flag::X) of [`Self::flags`]"), "a Flag of flags");
         assert_eq!(constant_name("CameraTurned90"), "CAMERA_TURNED_90");
     }
 }

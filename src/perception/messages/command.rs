@@ -116,7 +116,7 @@ impl ControlCommand {
 }
 
 record! {
-    "vservo.ControlAnswer.v8",
+    "vservo.ControlAnswer.v9",
     /// The answer to a request, with the state of the run.
     #[derive(Debug, Clone, Copy, PartialEq)]
     pub struct ControlAnswer {
@@ -150,8 +150,8 @@ record! {
         pub robot_code: u32,
         /// Number of the target of the goal, as in [`super::JointState::target_number`].
         pub target_number: u32,
-        /// Zero.
-        pub reserved: u32,
+        /// The joint, counted from 1, that feels what touches the arm most; 0 where nothing does.
+        pub contact_joint: u32,
         /// Number of the control tick.
         pub tick: u64,
         /// Time since the first tick, s.
@@ -166,6 +166,10 @@ record! {
         pub camera_state_s: f64,
         /// For how long the goal has been reached and held, s; NaN where it is not, or was left again.
         pub at_goal_s: f64,
+        /// The torque of that joint from outside, N m or N; NaN where nothing touches the arm, or torques are not known.
+        pub contact_torque: f64,
+        /// The force on the flange's origin in the frame of the base that explains the torques best, N; NaN likewise.
+        pub contact_force: [f64; 3],
         /// Measured joint positions, rad or m.
         pub q: [f64; MAX_JOINTS],
         /// Measured joint velocities, rad/s or m/s.
@@ -199,7 +203,7 @@ impl Default for ControlAnswer {
             robot_state: 0,
             robot_code: 0,
             target_number: 0,
-            reserved: 0,
+            contact_joint: 0,
             tick: 0,
             time_s: 0.0,
             feature_error_px: f64::NAN,
@@ -207,6 +211,8 @@ impl Default for ControlAnswer {
             orientation_error_rad: f64::NAN,
             camera_state_s: f64::NAN,
             at_goal_s: f64::NAN,
+            contact_torque: f64::NAN,
+            contact_force: [f64::NAN; 3],
             q: [0.0; MAX_JOINTS],
             qd: [0.0; MAX_JOINTS],
             goal_points: 0,
@@ -244,12 +250,12 @@ mod tests {
     #[allow(unsafe_code)]
     fn layouts_are_fixed_and_named() {
         assert_eq!((size_of::<ControlCommand>(), align_of::<ControlCommand>()), (1304, 8));
-        assert_eq!((size_of::<ControlAnswer>(), align_of::<ControlAnswer>()), (2032, 8));
+        assert_eq!((size_of::<ControlAnswer>(), align_of::<ControlAnswer>()), (2064, 8));
         assert_eq!((offset_of!(ControlCommand, ids), offset_of!(ControlCommand, values)), (24, 280));
         assert_eq!(offset_of!(ControlAnswer, tick), 64);
-        assert_eq!(offset_of!(ControlAnswer, q), 120);
+        assert_eq!(offset_of!(ControlAnswer, q), 152);
         // SAFETY: the names are only read.
         let names = unsafe { (ControlCommand::type_name(), ControlAnswer::type_name()) };
-        assert_eq!(names, ("vservo.ControlCommand.v3", "vservo.ControlAnswer.v8"));
+        assert_eq!(names, ("vservo.ControlCommand.v3", "vservo.ControlAnswer.v9"));
     }
 }

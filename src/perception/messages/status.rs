@@ -101,7 +101,7 @@ named_codes! {
 }
 
 record! {
-    "vservo.Status.v7",
+    "vservo.Status.v8",
     /// State of the run, in a flat record, so that plotting tools can show every field.
     #[derive(Debug, Clone, Copy, Default, PartialEq)]
     pub struct Status {
@@ -149,6 +149,10 @@ record! {
         pub stability: f64,
         /// For how long the goal has been reached and held, s; NaN where it is not, or was left again.
         pub at_goal_s: f64,
+        /// The torque from outside of the joint that feels what touches the arm most, N m or N; NaN where nothing touches it, or torques are not known.
+        pub contact_torque: f64,
+        /// The force on the flange's origin in the frame of the base that explains the torques best, N; NaN likewise.
+        pub contact_force: [f64; 3],
         /// Code of a [`ControlState`]: what control does.
         pub state: u32,
         /// Code of the [`super::TargetStatus`] of the last measurement.
@@ -171,7 +175,7 @@ record! {
         pub vision_restarts: u32,
         /// Number of the target of the goal, as in [`super::JointState::target_number`].
         pub target_number: u32,
-        /// Zero.
-        pub reserved: u32,
+        /// That joint, counted from 1; 0 where nothing touches the arm.
+        pub contact_joint: u32,
     }
 }

@@ -18,8 +18,8 @@ fn layouts_are_fixed() {
     assert_eq!((size_of::<JointState>(), align_of::<JointState>()), (432, 8));
     assert_eq!(offset_of!(JointState, q), 40);
     assert_eq!(offset_of!(JointState, q_true), 320);
-    assert_eq!((size_of::<Status>(), align_of::<Status>()), (256, 8));
-    assert_eq!(offset_of!(Status, state), 208);
+    assert_eq!((size_of::<Status>(), align_of::<Status>()), (288, 8));
+    assert_eq!(offset_of!(Status, state), 240);
 }
 
 #[test]
@@ -32,7 +32,7 @@ fn type_names_carry_their_version() {
         (unsafe { ImageHeader::type_name() }, "vservo.ImageHeader.v1"),
         (unsafe { Measurement::type_name() }, "vservo.Measurement.v4"),
         (unsafe { JointState::type_name() }, "vservo.JointState.v3"),
-        (unsafe { Status::type_name() }, "vservo.Status.v7"),
+        (unsafe { Status::type_name() }, "vservo.Status.v8"),
     ] {
         assert_eq!(name, wanted);
     }

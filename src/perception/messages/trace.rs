@@ -10,7 +10,7 @@ use iceoryx2::prelude::ZeroCopySend;
 pub const TRACE_LIMITS: usize = 16;
 
 record! {
-    "vservo.Trace.v4",
+    "vservo.Trace.v5",
     /// One tick: the inputs of control, its command, and the reasons. A code of 0 means none; codes of control's enumerations count
     /// from 1 in the order of their variants.
     #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -80,6 +80,8 @@ record! {
         pub external_torque: [f64; MAX_JOINTS],
         /// Their standard deviations.
         pub external_torque_sd: [f64; MAX_JOINTS],
+        /// Torques or forces that the drive's state carries, N m or N; NaN where it measures none.
+        pub measured_torque: [f64; MAX_JOINTS],
     }
 }
 
@@ -102,9 +104,11 @@ named_codes! {
         pub const SHUTDOWN_ASKED: u32 = 64;
         /// The mission gave out its orders when it had seen this record; without this bit it saw the next one first.
         pub const ORDERS_GIVEN: u32 = 128;
+        /// Something touches the arm; [`TraceMsg::external_torque`](super::TraceMsg::external_torque) tells what each joint feels of it.
+        pub const CONTACT: u32 = 1 << 26;
         /// The drive was an arm that was recorded, and this its last state.
         pub const MOTION_OVER: u32 = 1 << 27;
-        /// From this bit on, up to [`MOTION_OVER`]: the code of the fault that was reported to control at this tick from outside, by the drive or the process; 0: none.
+        /// From this bit on, up to [`CONTACT`]: the code of the fault that was reported to control at this tick from outside, by the drive or the process; 0: none.
         pub const REPORTED_FAULT: u32 = 8;
         /// From this bit on: the code of the [`RobotState`](crate::messages::RobotState) that the drive reported at this tick.
         pub const ROBOT_STATE: u32 = 28;
@@ -115,7 +119,7 @@ impl TraceMsg {
     /// The code of the reported fault in [`Self::flags`].
     #[must_use]
     pub fn reported_fault_of(flags: u32) -> u32 {
-        (flags & (trace_flag::MOTION_OVER - 1)) >> trace_flag::REPORTED_FAULT
+        (flags & (trace_flag::CONTACT - 1)) >> trace_flag::REPORTED_FAULT
     }
 
     /// The code of the robot's state in [`Self::flags`].
@@ -133,19 +137,20 @@ mod tests {
     #[test]
     #[allow(unsafe_code)]
     fn the_layout_is_fixed_and_named() {
-        assert_eq!((size_of::<TraceMsg>(), align_of::<TraceMsg>()), (704, 8));
+        assert_eq!((size_of::<TraceMsg>(), align_of::<TraceMsg>()), (768, 8));
         assert_eq!(offset_of!(TraceMsg, arm), 88);
         assert_eq!(offset_of!(TraceMsg, limits), 128);
         assert_eq!(offset_of!(TraceMsg, q), 144);
         assert_eq!(offset_of!(TraceMsg, qd_r), 536);
         // SAFETY: the name is only read.
-        assert_eq!(unsafe { TraceMsg::type_name() }, "vservo.Trace.v4");
+        assert_eq!(unsafe { TraceMsg::type_name() }, "vservo.Trace.v5");
     }
 
     #[test]
     fn faults_and_states_of_the_robot_share_the_flags() {
         use trace_flag::*;
-        let flags = LATE_STATE | ORDERS_GIVEN | MOTION_OVER | 31 << REPORTED_FAULT | 10 << ROBOT_STATE;
+        let flags =
+            LATE_STATE | ORDERS_GIVEN | MOTION_OVER | CONTACT | 31 << REPORTED_FAULT | 10 << ROBOT_STATE;
         assert_eq!((TraceMsg::reported_fault_of(flags), TraceMsg::robot_state_of(flags)), (31, 10));
         assert_eq!((TraceMsg::reported_fault_of(255), TraceMsg::robot_state_of(255)), (0, 0));
     }

@@ -11,6 +11,7 @@
 use super::requests::{Answered, ClientRequest};
 use super::stops::Stops;
 use crate::control::lifecycle::{Refusal, Request};
+use crate::control::safety::ContactNumbers;
 use crate::control::trace::Trace;
 use crate::ipc::{Asked, CommandServer};
 use crate::messages::{
@@ -119,6 +120,9 @@ impl Commands {
         standing.flags |= if trace.clears { answer_flag::CLEARING } else { 0 };
         self.noted = trace.time;
         self.ticks += 1;
+        let contact = ContactNumbers::of(trace.contact.as_ref());
+        standing.contact_joint = contact.joint;
+        (standing.contact_torque, standing.contact_force) = (contact.torque, contact.force);
         standing.joints = js.joints.min(MAX_JOINTS as u32);
         (standing.q, standing.qd) = (js.q, js.qd);
         if let Some(status) = &trace.status {

@@ -36,7 +36,8 @@ impl<const N: usize> Controller<N> {
     pub(super) fn feel(&mut self, now: MonoNs, observed: Option<&DriveState<N>>) {
         let command = self.gate.passed();
         let did = observed.filter(|_| self.gate.is_open()).map(|state| (state, &command));
-        self.contact_watch.note(now, &self.arm.robot, &mut self.joint_control, did);
+        let measured = self.measured_torque.as_ref();
+        self.contact_watch.note(now, &self.arm.robot, &mut self.joint_control, did, measured);
         if !self.obeys {
             return;
         }
@@ -91,6 +92,15 @@ impl<const N: usize> Controller<N> {
     pub(super) fn sinks(&self) -> bool {
         let is_held = self.fault.is_some_and(|fault| fault == Fault::Contact || fault.is_of_robot());
         !is_held && !self.rest_watch.is_at_rest()
+    }
+
+    /// What touches the arm in posture `q`, or stopped it where that fault stands.
+    pub(super) fn touched_by(&self, q: &SVector<f64, N>) -> Option<Contact> {
+        if self.fault == Some(Fault::Contact) {
+            return self.contact;
+        }
+        let robot = self.joint_control.carrying(&self.arm.robot);
+        self.contact_watch.contact(robot, q).filter(|_| self.obeys)
     }
 
     /// The contact that stopped the arm last.

@@ -90,6 +90,8 @@ pub struct Controller<const N: usize> {
     encoder_watch: EncoderWatch<N>,
     rest_watch: RestWatch<N>,
     contact_watch: ContactWatch<N>,
+    /// The joint torques that the drive's last state carries, N m or N.
+    measured_torque: Option<SVector<f64, N>>,
     reaction: ContactReaction,
     contact: Option<Contact>,
     back: Option<WayBack<N>>,
@@ -125,6 +127,7 @@ impl<const N: usize> Controller<N> {
         Self {
             contact_watch: ContactWatch::new(&arm.robot, &joint_control, mode),
             reaction: settings.reaction,
+            measured_torque: None,
             contact: None,
             back: None,
             mode,
@@ -294,6 +297,7 @@ impl<const N: usize> Controller<N> {
             verdict,
             events: std::mem::take(&mut self.events),
             external_torque: self.contact_watch.external_torque(),
+            contact: self.touched_by(&measured.q),
         }
     }
 

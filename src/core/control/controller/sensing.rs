@@ -12,6 +12,11 @@ use nalgebra::SVector;
 const EXPECTED_SPEED: f64 = 1.0;
 
 impl<const N: usize> Controller<N> {
+    /// Takes in the joint torques that the drive's state carries, N m or N; `None` where it measures none.
+    pub fn hear_torque(&mut self, measured: Option<SVector<f64, N>>) {
+        self.measured_torque = measured.filter(|tau| tau.iter().all(|tau| tau.is_finite()));
+    }
+
     /// The state of the drive, if it is plausible.
     pub(super) fn sense(&mut self, now: MonoNs, drive: &DriveState<N>) -> Option<DriveState<N>> {
         let believed = self.without_wrong_encoders(now, drive);

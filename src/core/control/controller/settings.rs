@@ -3,7 +3,7 @@
 use crate::control::behaviour::ArmModel;
 use crate::control::gate::GateSettings;
 use crate::control::lifecycle::State;
-use crate::control::safety::{ContactReaction, Fault};
+use crate::control::safety::{Contact, ContactReaction, Fault};
 use crate::control::trace::Events;
 use crate::drive::{CommandMode, DriveCommand};
 use crate::motion::{ActingLimits, JointController, SpaceLimit, WorkspaceSettings};
@@ -97,6 +97,8 @@ pub struct ControlOutput<const N: usize> {
     pub events: Events,
     /// The torque of each joint that comes from outside, N m or N, and its standard deviation; `None` where torques are not known.
     pub external_torque: Option<(SVector<f64, N>, SVector<f64, N>)>,
+    /// What touches the arm, or stopped it where that fault stands.
+    pub contact: Option<Contact>,
 }
 
 /// Whether the arm stands.

@@ -1,7 +1,7 @@
 //! Contact: something from outside acts on the arm.
 //!
 //! With a drive that obeys torques the [momentum observer](ExternalTorqueObserver) tells the torque from outside of each joint, with its standard deviation. A drive that closes
-//! its own loop does not tell its torques: there a joint that [falls behind](DriveLagObserver) its commands by more than that drive does by itself is in contact. Before every drive a joint that
+//! its own loop seldom tells its torques: there a joint that [falls behind](DriveLagObserver) its commands by more than that drive does by itself is in contact, and where its states carry torques, they are observed beside that. Before every drive a joint that
 //! [is stopped](super::stopped_joint) in its motion is.
 
 use super::stopped_joint::StoppedJointWatch;
@@ -20,6 +20,9 @@ const CERTAIN: f64 = 9.0;
 const TICKS: u32 = 2;
 /// Largest force that is expected, N: the prior of the estimate at the flange. Chosen by hand; it decides only along directions that no joint feels.
 const FORCE_N: f64 = 1e3;
+
+/// By how much an encoder step changes a velocity that is told by a drive, in steps, 1/s. Derived: of differences over a tick behind a low-pass of 100 Hz, (1 - e^-0.63) / 1 ms.
+const STEPS_1_S: f64 = 470.0;
 
 /// What is done about a contact.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -47,6 +50,29 @@ pub struct Contact {
     pub force_B: Option<Vector3<f64>>,
 }
 
+/// A contact in the numbers of records.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ContactNumbers {
+    /// The joint, counted from 1; 0 where nothing touches the arm.
+    pub joint: u32,
+    /// Its torque from outside, N m or N; NaN where it is not known.
+    pub torque: f64,
+    /// The force on the flange's origin in the frame of the base, N; NaN likewise.
+    pub force: [f64; 3],
+}
+
+impl ContactNumbers {
+    /// Those of `contact`.
+    #[must_use]
+    pub fn of(contact: Option<&Contact>) -> Self {
+        Self {
+            joint: contact.map_or(0, |contact| contact.joint as u32 + 1),
+            torque: contact.and_then(|contact| contact.torque).unwrap_or(f64::NAN),
+            force: contact.and_then(|contact| contact.force_B).map_or([f64::NAN; 3], Into::into),
+        }
+    }
+}
+
 /// Watches an arm with `N` joints.
 #[derive(Debug, Clone)]
 pub struct ContactWatch<const N: usize> {
@@ -61,8 +87,25 @@ pub struct ContactWatch<const N: usize> {
 #[derive(Debug, Clone)]
 enum Observer<const N: usize> {
     Torque(Box<ExternalTorqueObserver<N>>),
-    /// The lag, with the last positions and whether they are those of a drive that obeys positions.
-    Lag(Box<DriveLagObserver<N>>, Option<SVector<f64, N>>, bool),
+    Lag {
+        observer: Box<DriveLagObserver<N>>,
+        /// The last positions, rad or m.
+        last: Option<SVector<f64, N>>,
+        /// Whether the drive obeys positions.
+        by_position: bool,
+        /// What the torques that a state may carry tell, and whether any did.
+        torque: Box<ExternalTorqueObserver<N>>,
+        has_torques: bool,
+    },
+}
+
+impl<const N: usize> Observer<N> {
+    fn of_torques(&mut self) -> Option<&mut ExternalTorqueObserver<N>> {
+        match self {
+            Self::Torque(observer) => Some(observer),
+            Self::Lag { torque, .. } => Some(torque),
+        }
+    }
 }
 
 impl<const N: usize> ContactWatch<N> {
@@ -74,29 +117,34 @@ impl<const N: usize> ContactWatch<N> {
             Observer::Torque(Box::new(ExternalTorqueObserver::new(robot, hidden)))
         } else {
             let step = *joint_control.encoder_step();
-            Observer::Lag(Box::new(DriveLagObserver::new(step)), None, mode == CommandMode::Position)
+            let moves = step.component_mul(joint_control.inertia()) * STEPS_1_S;
+            let hidden = |ticks| moves / (f64::from(ticks) * TICK.as_s());
+            Observer::Lag {
+                observer: Box::new(DriveLagObserver::new(step)),
+                last: None,
+                by_position: mode == CommandMode::Position,
+                torque: Box::new(ExternalTorqueObserver::new(robot, hidden)),
+                has_torques: false,
+            }
         };
         Self { observer, stopped: StoppedJointWatch::default(), in_a_row: 0, at: None, is_late: false }
     }
 
     /// Takes in what the last `command` did to the arm, which is in `state` at `now`; `None` where one of them is not known. A motion over more than a tick (a
-    /// deadline that was missed, a state that came late) tells no acceleration, and is left out.
+    /// deadline that was missed, a state that came late) tells no acceleration, and is left out. `measured` are the torques that the state carries, N m or N, where it carries any:
+    /// they count instead of the commanded ones, because delay, limits and ripple of the motors are in them.
     pub fn note(
         &mut self,
         now: MonoNs,
         robot: &Robot<N>,
         joint_control: &mut JointController<N>,
         did: Option<(&DriveState<N>, &DriveCommand<N>)>,
+        measured: Option<&SVector<f64, N>>,
     ) {
-        if let (Some(change), Observer::Torque(observer)) =
-            (joint_control.take_model_change(), &mut self.observer)
-        {
-            observer.change_model(&change);
-        }
-        if let (Some(change), Observer::Torque(observer)) =
-            (joint_control.take_rotor_change(), &mut self.observer)
-        {
-            observer.add_rotors(&change);
+        let (model, rotors) = (joint_control.take_model_change(), joint_control.take_rotor_change());
+        if let Some(observer) = self.observer.of_torques() {
+            model.iter().for_each(|change| observer.change_model(change));
+            rotors.iter().for_each(|change| observer.add_rotors(change));
         }
         let was_late = std::mem::take(&mut self.is_late);
         let did = did.filter(|_| !was_late);
@@ -109,16 +157,22 @@ impl<const N: usize> ContactWatch<N> {
             joint_control.skip_window();
         }
         if let Some((state, command)) = did {
-            let obeys_velocities = matches!(self.observer, Observer::Lag(.., false));
+            let obeys_velocities = matches!(self.observer, Observer::Lag { by_position: false, .. });
             let q_r = (!obeys_velocities).then_some(&command.q_r);
             self.stopped.note(&state.q, joint_control.encoder_step(), (q_r, &command.qd_r));
         }
         match (&mut self.observer, did) {
             (Observer::Torque(observer), Some((state, command))) => {
                 let doubt = (&joint_control.payload_doubt(), &joint_control.rotor_doubt());
-                observer.note(joint_control.carrying(robot), (&state.q, &state.qd), &command.tau, doubt);
+                let tau = measured.unwrap_or(&command.tau);
+                observer.note(joint_control.carrying(robot), (&state.q, &state.qd), tau, doubt);
             }
-            (Observer::Lag(observer, last, by_position), Some((state, command))) => {
+            (Observer::Lag { observer, last, by_position, torque, has_torques }, Some((state, command))) => {
+                if let Some(tau) = measured {
+                    let zero = SVector::zeros();
+                    *has_torques = true;
+                    torque.note(robot, (&state.q, &state.qd), tau, (&zero, &zero));
+                }
                 if let Some(before) = last.replace(state.q) {
                     let lag = command.q_r - state.q;
                     observer.note(&command.qd_r, &(state.q - before), by_position.then_some(&lag));
@@ -139,7 +193,7 @@ impl<const N: usize> ContactWatch<N> {
     pub fn restart(&mut self) {
         self.in_a_row = 0;
         self.stopped.restart();
-        if let Observer::Lag(observer, ..) = &mut self.observer {
+        if let Observer::Lag { observer, .. } = &mut self.observer {
             observer.restart();
         }
     }
@@ -149,9 +203,10 @@ impl<const N: usize> ContactWatch<N> {
         self.stopped.restart();
         match &mut self.observer {
             Observer::Torque(observer) => observer.skip(),
-            Observer::Lag(observer, last, _) => {
+            Observer::Lag { observer, last, torque, .. } => {
                 observer.restart();
                 *last = None;
+                torque.skip();
             }
         }
     }
@@ -160,7 +215,10 @@ impl<const N: usize> ContactWatch<N> {
     fn excess(&self) -> SVector<f64, N> {
         match &self.observer {
             Observer::Torque(observer) => observer.excess(),
-            Observer::Lag(observer, ..) => observer.excess(),
+            Observer::Lag { observer, torque, .. } => {
+                // That of torques is zero before any came.
+                observer.excess().zip_map(&torque.excess(), f64::max)
+            }
         }
     }
 
@@ -169,7 +227,7 @@ impl<const N: usize> ContactWatch<N> {
     pub fn external_torque(&self) -> Option<(SVector<f64, N>, SVector<f64, N>)> {
         match &self.observer {
             Observer::Torque(observer) => Some((observer.torque(), observer.sd())),
-            Observer::Lag(..) => None,
+            Observer::Lag { torque, has_torques, .. } => has_torques.then(|| (torque.torque(), torque.sd())),
         }
     }
 
@@ -240,7 +298,7 @@ mod tests {
             let now = MonoNs(if told { k } else { ticks } * 1_000_000);
             let state = DriveState { q, qd, truth: None };
             let command = DriveCommand { tau, q_r: q, qd_r: qd, qdd_r: SVector::zeros() };
-            watch.note(now, &robot, &mut control, Some((&state, &command)));
+            watch.note(now, &robot, &mut control, Some((&state, &command)), None);
             if k > 1500 {
                 most = most.max(watch.excess().max());
             }

@@ -36,7 +36,7 @@ mod stopped_joint;
 mod swing;
 
 pub use arm::ArmWatch;
-pub use contact::{Contact, ContactReaction, ContactWatch};
+pub use contact::{Contact, ContactNumbers, ContactReaction, ContactWatch};
 pub use encoders::{EncoderTraits, EncoderWatch, ExpectedMotion};
 pub use freshness::{Freshness, MeasurementWatch};
 pub use rest::RestWatch;

@@ -2,7 +2,7 @@
 
 use super::{Event, Trace};
 use crate::control::safety::Fault;
-use crate::messages::{TRACE_LIMITS, TraceMsg, joint_flag, trace_flag};
+use crate::messages::{MAX_JOINTS, TRACE_LIMITS, TraceMsg, joint_flag, trace_flag};
 use crate::motion::Limit;
 use crate::servo::{MeasurementVerdict, NoTask};
 
@@ -43,10 +43,14 @@ impl Trace {
             qd_r: command.qd_r,
             external_torque: self.external_torque[0],
             external_torque_sd: self.external_torque[1],
+            measured_torque: self.measured_torque.unwrap_or([f64::NAN; MAX_JOINTS]),
             ..TraceMsg::default()
         };
         if js.flags & joint_flag::TRUTH != 0 {
             m.flags |= trace_flag::TRUTH;
+        }
+        if self.contact.is_some() {
+            m.flags |= trace_flag::CONTACT;
         }
         if self.gives_orders {
             m.flags |= trace_flag::ORDERS_GIVEN;
