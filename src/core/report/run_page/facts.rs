@@ -66,6 +66,9 @@ pub fn run_facts(s: &Summary) -> Vec<(String, String)> {
         let b = &f.believed;
         tell("the same as measured", errors(b.feature_error_px, b.position_error_m, b.orientation_error_rad));
     }
+    if let Some(accuracy) = &s.accuracy {
+        tell("accuracy", accuracy.to_text());
+    }
     if let Some(path) = &s.path {
         tell("path of the goal", path.describe());
     }
