@@ -18,12 +18,13 @@ use std::fmt::Write as _;
 
 /// Views that are kept; of more, every second one is dropped. Chosen by hand: they tell a size to a fraction of a percent, and the fit takes a tenth of a second.
 const VIEWS: usize = 40;
-/// States of the joints that are kept about an exposure, and the time between them. Chosen by hand: stamps are seldom off by more than 75 ms.
+/// States of the joints that are kept about an exposure. Chosen by hand: stamps are seldom off by more than 75 ms.
 const STATES: usize = 7;
+/// The time between them. Chosen by hand: a cubic between two of them is true to some microradians at usual jerks.
 const STATES_APART: SpanNs = SpanNs(25_000_000);
 /// Half of the time over which a velocity is a difference of positions. Chosen by hand: some ticks, in which no arm turns back.
 const HALF: SpanNs = SpanNs(3_000_000);
-/// Standard deviations from which on a difference from the description is told, as of the lens (`calibration/lens_check.rs`): normal noise exceeds 4 once in 16 000 cases.
+/// Standard deviations from which on a difference from the description is told. Chosen by hand, as of the lens (`calibration/lens_check.rs`): normal noise exceeds 4 once in 16 000 cases.
 const SURE: f64 = 4.0;
 /// Differences that are told in words. Chosen by hand: a line or two.
 const TOLD: usize = 4;
@@ -32,7 +33,15 @@ const TOLD: usize = 4;
 #[derive(Debug, Clone, Copy)]
 struct KeptView<const N: usize> {
     m: Measurement,
-    states: [Option<(MonoNs, SVector<f64, N>, SVector<f64, N>)>; STATES],
+    states: [Option<NearState<N>>; STATES],
+}
+
+/// Position, rad or m, and velocity of the joints at a time near an exposure.
+#[derive(Debug, Clone, Copy)]
+struct NearState<const N: usize> {
+    time: MonoNs,
+    q: SVector<f64, N>,
+    qd: SVector<f64, N>,
 }
 
 /// The views of a run since its last start. Memory is taken once.
@@ -75,7 +84,7 @@ impl<const N: usize> RunViewLog<N> {
             let time = m.exposure + SpanNs(STATES_APART.0 * (k as i64 - STATES as i64 / 2));
             let (q, before) = (self.history.joints(time)?, self.history.joints(time - HALF)?);
             let after = self.history.joints(time + HALF)?;
-            (time <= newest).then(|| (time, q, (after - before) / (2.0 * HALF.as_s())))
+            (time <= newest).then(|| NearState { time, q, qd: (after - before) / (2.0 * HALF.as_s()) })
         });
         self.views.push(KeptView { m: *m, states });
     }
@@ -89,9 +98,7 @@ impl<const N: usize> RunViewLog<N> {
     ) -> Option<Accuracy> {
         let X_DO = goal.X_DO().filter(|_| goal.is_of_pose())?;
         let run = self.run_views(goal);
-        let cell = RunCell { robot: &believed.robot, mount: &believed.mount, camera: &believed.camera };
-        let end = end_pose(&cell, &run, (q, X_DO)).ok()?;
-        let refined = refine_from_run(&cell, &run).ok();
+        let end = end_pose(&cell_of(believed), &run, (q, X_DO)).ok()?;
         Some(Accuracy {
             confidence: CONFIDENCE,
             position_error_m: end.position_m,
@@ -101,14 +108,19 @@ impl<const N: usize> RunViewLog<N> {
             views: run.views.len(),
             rms_px: end.rms_px,
             narrowed_by: end.narrowed_by.map(|part| part.as_str().to_owned()),
-            differences: refined.map_or_else(Vec::new, |refined| differences(&refined)),
         })
+    }
+
+    /// The numbers of the description that the views contradict, the surest first: of lens, mount, stamps and the size of the target, of which a single image tells little or nothing.
+    pub(super) fn contradicted(&self, believed: &BelievedCell<N>, goal: &SetPoint) -> Vec<DescriptionError> {
+        let refined = refine_from_run(&cell_of(believed), &self.run_views(goal));
+        refined.map_or_else(|_| Vec::new(), |refined| differences(&refined))
     }
 
     fn run_views(&self, goal: &SetPoint) -> RunViews<N> {
         let mut run = RunViews::default();
         for KeptView { m, states } in &self.views {
-            states.iter().flatten().for_each(|(time, q, qd)| run.track.push(*time, *q, *qd));
+            states.iter().flatten().for_each(|state| run.track.push(state.time, state.q, state.qd));
             let points = m.features().iter().filter_map(|f| {
                 let place = goal.ids().iter().position(|id| u64::from(*id) == f.id)?;
                 Some(SeenPoint::of(m, f, *goal.points().get(place)?))
@@ -120,6 +132,10 @@ impl<const N: usize> RunViewLog<N> {
         }
         run
     }
+}
+
+fn cell_of<const N: usize>(believed: &BelievedCell<N>) -> RunCell<'_, N> {
+    RunCell { robot: &believed.robot, mount: &believed.mount, camera: &believed.camera }
 }
 
 /// Farthest that a point of both has moved, px; infinite where they share none.
@@ -167,8 +183,6 @@ pub struct Accuracy {
     pub rms_px: f64,
     /// The part of the description whose exact knowledge would narrow the bound of the distance the most; `null` where none would by a third.
     pub narrowed_by: Option<String>,
-    /// The numbers of the description that the run contradicts, the surest first.
-    pub differences: Vec<DescriptionError>,
 }
 
 impl Accuracy {
@@ -187,24 +201,24 @@ impl Accuracy {
         if let Some(part) = &self.narrowed_by {
             let _ = write!(text, "; the least certain is the {part}");
         }
-        for d in self.differences.iter().take(TOLD) {
-            let digits = if d.sd < 0.1 { 4 } else { 1 };
-            let DescriptionError { key, described, estimated, sd } = d;
-            let _ = write!(
-                text,
-                "; {key} looks like {estimated:.digits$} +- {sd:.digits$} (run file {described:.digits$})"
-            );
-        }
-        if self.differences.len() > TOLD {
-            let _ = write!(
-                text,
-                "; {} more numbers differ (accuracy.differences)",
-                self.differences.len() - TOLD
-            );
-        }
-        if !self.differences.is_empty() {
-            text.push_str("; `vservo calibrate from` writes all of them");
-        }
         text
     }
+}
+
+/// The line of the summary about numbers of the description that a run contradicts; `None` where it contradicts none.
+#[must_use]
+pub fn contradicted_text(differences: &[DescriptionError]) -> Option<String> {
+    let of = |d: &DescriptionError| {
+        // Chosen by hand: pixels and degrees to a tenth, metres and factors to four digits.
+        let digits = if d.sd < 0.1 { 4 } else { 1 };
+        let DescriptionError { key, described, estimated, sd } = d;
+        format!("{key} looks like {estimated:.digits$} +- {sd:.digits$} (told {described:.digits$})")
+    };
+    let told: Vec<_> = differences.iter().take(TOLD).map(of).collect();
+    let more = match differences.len() {
+        0 => return None,
+        n if n > TOLD => format!("; {} more in the summary's JSON", n - TOLD),
+        _ => String::new(),
+    };
+    Some(format!("{}{more}: `vservo calibrate from` a recording or report refines them", told.join("; ")))
 }

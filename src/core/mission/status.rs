@@ -1,6 +1,6 @@
 //! Errors and status of a run.
 
-use super::{Accuracy, FinalErrors, Goal, MeasuredErrors, MeasurementLog, Mission};
+use super::{Accuracy, DescriptionError, FinalErrors, Goal, MeasuredErrors, MeasurementLog, Mission};
 use crate::control::outcome::Finish;
 use crate::control::trace::Trace;
 use crate::geometry::{Pose, rotation_angle};
@@ -83,6 +83,14 @@ impl<const N: usize> Mission<N> {
             &self.goal.set_point,
             self.q_at_end.as_ref()?,
         )
+    }
+
+    /// The numbers of the description that the run contradicts by the joints and the views of it, the surest first.
+    #[must_use]
+    pub fn contradicted(&self) -> Vec<DescriptionError> {
+        let first_target = self.goal.set_point.target() == 0;
+        let known = self.views.as_ref().filter(|_| first_target).zip(self.cell.as_ref());
+        known.map_or_else(Vec::new, |(views, cell)| views.contradicted(cell, &self.goal.set_point))
     }
 
     /// Errors now: against simulated truth where there is one, else from the last measurement.

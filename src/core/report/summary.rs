@@ -14,7 +14,7 @@ pub use times::{Latencies, RealtimeReport, TickTimes};
 
 use crate::control::outcome::Outcome;
 use crate::mission::measurement_log::VerdictCounts;
-use crate::mission::{Accuracy, FinalErrors, ModelError, PathTracking};
+use crate::mission::{Accuracy, DescriptionError, FinalErrors, ModelError, PathTracking, contradicted_text};
 use crate::report::histogram::Quantiles;
 use crate::report::numbers::significant;
 use crate::servo::Stability;
@@ -145,6 +145,9 @@ pub struct Summary {
     /// How near to its goal the camera is by all that the run has seen, and within which bound; `null` where the goal was taught, or nothing tells.
     #[serde(default)]
     pub accuracy: Option<Accuracy>,
+    /// The numbers of the description that the views of the run contradict together with its joints, the surest first; left out where there are none.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub contradicted: Vec<DescriptionError>,
     /// Latencies of the measurements.
     pub latency_us: Latencies,
     /// Times of the control tick.
@@ -233,6 +236,7 @@ impl Summary {
             settling_time_s: None,
             final_errors: FinalErrors::default(),
             accuracy: None,
+            contradicted: Vec::new(),
             latency_us: Latencies::default(),
             tick_us: TickTimes::default(),
             realtime: None,
@@ -325,6 +329,9 @@ impl Summary {
         }
         if let Some(accuracy) = &self.accuracy {
             let _ = writeln!(t, "accuracy      {}", accuracy.to_text());
+        }
+        if let Some(text) = contradicted_text(&self.contradicted) {
+            let _ = writeln!(t, "description   {text}");
         }
         if let Some(path) = &self.path {
             let _ = writeln!(t, "path          {}", path.describe());

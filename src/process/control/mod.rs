@@ -289,6 +289,7 @@ fn summary<const N: usize>(
         settling_time_s: statistics.settling_time_s(),
         final_errors: mission.final_errors(),
         accuracy: mission.accuracy(),
+        contradicted: mission.contradicted(),
         latency_us: statistics.latencies(),
         tick_us: pace.tick_us,
         realtime: pace.realtime,

@@ -14,9 +14,9 @@ use crate::time::{MonoNs, SpanNs, TICK};
 use nalgebra::{SVector, Vector2};
 use std::f64::consts::TAU;
 
-/// Growth of the pattern's radius in a turn, normalized.
+/// Growth of the pattern's radius in a turn, normalized. Chosen by hand: less than what a usual image shows beside a usual target, so that turns overlap.
 const PITCH: f64 = 0.2;
-/// Radius at which the search is over, normalized: half a right angle would be 1.
+/// Radius at which the search is over, normalized. Chosen by hand: 31 degrees, behind which the image of a usual lens shows 50.
 const WIDEST: f64 = 0.6;
 /// Speed of the place in the image, 1/s: a frame of 25 Hz moves it by 16 px of a lens with 800 px, which is no blur at a hundredth of a second.
 const SPEED_1_S: f64 = 0.5;
