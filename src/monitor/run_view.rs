@@ -4,7 +4,7 @@ use crate::control::safety::Fault;
 use crate::control::trace::event_words;
 use crate::messages::{
     CameraHealth, CameraId, CameraState, ControlState, DriveCommandMsg, DriveStateMsg, DriveTextMsg,
-    Measurement, RequestMsg, RobotState, Status, TargetStatus, TraceMsg, trace_flag,
+    Measurement, RequestMsg, RobotState, Status, TargetStatus, TraceMsg, status_flag, trace_flag,
 };
 use crate::report::histogram::SpanHistogram;
 use crate::report::run_page::JointSummary;
@@ -312,6 +312,9 @@ impl RunView {
             }
             ControlState::Servoing => (format!("moves to the goal, which is {tolerance}"), true),
             ControlState::Holding => (format!("stands, and waits for {view}"), false),
+            ControlState::Returning if s.flags & status_flag::SEARCHING != 0 => {
+                (format!("looks around for its target, and waits for {view}"), false)
+            }
             ControlState::Returning => {
                 (format!("returns to where it saw the target, and waits for {view}"), false)
             }

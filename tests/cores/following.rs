@@ -6,6 +6,7 @@ use std::ops::ControlFlow::Continue;
 use std::path::Path;
 use vservo::config::Config;
 use vservo::control::outcome::Outcome;
+use vservo::control::trace::Event;
 use vservo::sim::{Moment, simulate_system};
 
 /// Root mean square of the true feature error from 2 s to 6 s behind the target of `file` that moves as `motion` says, px.
@@ -111,6 +112,89 @@ fn a_target_that_leaps_within_the_view_is_reached() {
             assert_eq!(run.target_lost, 0, "{what}");
         }
     }
+}
+
+/// What leaps out of the image is looked for about the place where it was, and the run converges there; without the search it is lost for good.
+#[test]
+fn a_target_that_leaps_out_of_view_is_looked_for() {
+    for (file, m, at_s, seed) in [
+        ("ur5", [0.0, 0.09, 0.0], 0.6, 81),
+        ("ur5", [-0.07, -0.07, 0.01], 2.5, 82),
+        ("ur5-hybrid", [0.09, 0.03, -0.01], 2.5, 83),
+        ("ur5-b", [0.02, -0.09, 0.0], 2.5, 84),
+        ("panda", [0.02, -0.1, 0.0], 0.6, 85),
+        ("xarm7", [-0.02, 0.1, 0.0], 2.5, 86),
+        ("scara-d", [-0.09, -0.04, 0.0], 2.5, 87),
+    ] {
+        for search_s in [10.0, 0.0] {
+            let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("config/{file}.toml"));
+            let set = [
+                format!("servo.search_s={search_s:?}"),
+                "goal.hold_s=2".into(),
+                "run.duration_s=16".into(),
+                "scene.motion.kind=jump".into(),
+                format!("scene.motion.displacement_m={m:?}"),
+                format!("scene.motion.at_s={at_s}"),
+                format!("run.seed={seed}"),
+            ];
+            let config = Config::load(Some(&path), &set).unwrap();
+            let limits: Vec<f64> = config.robot.joints.iter().map(|joint| joint.limits.velocity).collect();
+            let (mut searches, mut fastest) = (false, 0.0_f64);
+            let run = simulate_system(&config, &mut |moment| {
+                if let Moment::Tick(trace, _) = moment {
+                    for event in trace.events.iter() {
+                        searches = match event {
+                            Event::Searching => true,
+                            Event::Resumed | Event::Returning => false,
+                            _ => searches,
+                        };
+                    }
+                    // What the way back had left is braked.
+                    if searches {
+                        let qd = trace.command.qd_r.iter().zip(&limits).map(|(qd, limit)| qd.abs() / limit);
+                        fastest = fastest.max(qd.fold(0.0, f64::max));
+                    }
+                }
+                Continue(())
+            })
+            .unwrap();
+            let what = format!("{file} {m:?} at {at_s} s, {search_s} s");
+            let looks = search_s > 0.0;
+            assert_eq!(run.finish.outcome == Outcome::Converged, looks, "{what}: {}", run.finish.reason);
+            assert!(fastest < 0.26, "{what}: {fastest}");
+            assert!(run.target_lost > 0, "{what}");
+        }
+    }
+}
+
+/// The search comes to an end: the arm goes back to where it saw its target, and stands.
+#[test]
+fn a_target_that_is_nowhere_is_looked_for_in_vain() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/ur5.toml");
+    let set = [
+        "servo.search_s=4",
+        "goal.hold_s=60",
+        "run.duration_s=14",
+        "scene.motion.kind=jump",
+        "scene.motion.displacement_m=[5, 5, 0]",
+        "scene.motion.at_s=2.5",
+    ];
+    let config = Config::load(Some(&path), &set.map(String::from)).unwrap();
+    let (mut events, mut q) = (Vec::new(), Vec::new());
+    let run = simulate_system(&config, &mut |moment| {
+        if let Moment::Tick(trace, _) = moment {
+            events.extend(trace.events.iter());
+            q.push(trace.joint_state.q);
+        }
+        Continue(())
+    })
+    .unwrap();
+    assert_eq!(run.finish.reason, "run.duration_s is over: the target was lost");
+    let loss = events.iter().position(|event| *event == Event::Holding).unwrap();
+    assert_eq!(events[loss..], [Event::Holding, Event::Returning, Event::Searching, Event::Returning]);
+    let away = |k: usize| q[k].iter().zip(&q[q.len() - 1]).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    assert!(away(q.len() - 2000) < 2e-3, "it stands at the end");
+    assert!(away(2499) < 0.1 && (3000..7000).map(away).fold(0.0, f64::max) > 0.15, "{}", away(2499));
 }
 
 /// What a run that follows is told to change is nothing that its file has already.

@@ -122,6 +122,7 @@ fn an_arm_that_lost_its_target_returns_to_where_it_saw_it() {
                 "goal.hold_s=0.2",
                 "servo.gain_1_s=2.0",
                 "servo.return_to_last_seen=true",
+                "servo.search_s=0",
                 "run.duration_s=20.0",
             ]
             .map(String::from),

@@ -4,14 +4,15 @@
 #![allow(clippy::unwrap_used, clippy::panic, clippy::print_stdout)] // helpers of tests; numbers for people
 
 use crate::rendered::Random;
-use nalgebra::{Isometry3, Rotation3, Vector3};
+use nalgebra::{Isometry3, Rotation3, SVector, Vector3};
 use std::ops::ControlFlow;
 use std::path::Path;
 use vservo::calibration::from_run::{
-    RunCell, RunRefinement, RunRefinementError, RunViews, SeenView, refine_from_run,
+    EndPose, RunCell, RunRefinement, RunRefinementError, RunViews, SeenView, end_pose, refine_from_run,
 };
 use vservo::config::Config;
-use vservo::robot::Mount;
+use vservo::mission::FinalErrors;
+use vservo::robot::{Mount, Robot};
 use vservo::sim::{Moment, simulate_system};
 
 /// Run files with six and seven joints whose camera is in the hand.
@@ -22,13 +23,21 @@ fn load(file: &str, set: &[String]) -> Config {
     Config::load(Some(&path), set).unwrap_or_else(|e| panic!("{file} {set:?}: {e}"))
 }
 
-/// What a run of `config` tells.
-fn refined(config: &Config) -> Result<RunRefinement, RunRefinementError> {
+fn zeros<const N: usize>(_: &Robot<N>) -> SVector<f64, N> {
+    SVector::zeros()
+}
+
+/// What a run of `config` tells, of its description and of its end, and the true errors there.
+fn refined(config: &Config) -> Result<(RunRefinement, EndPose, FinalErrors), RunRefinementError> {
     vservo::dispatch_robot!(config.robot, |robot| {
         let mut run = RunViews::default();
-        simulate_system(config, &mut |moment| {
+        let mut q = zeros(&robot);
+        let ended = simulate_system(config, &mut |moment| {
             match moment {
-                Moment::Tick(trace, _) => run.note_state(&trace.joint_state),
+                Moment::Tick(trace, _) => {
+                    q.iter_mut().zip(trace.joint_state.q).for_each(|(q, now)| *q = now);
+                    run.note_state(&trace.joint_state);
+                }
                 Moment::Seen(m) => {
                     SeenView::of(m, &config.target).into_iter().for_each(|view| run.note_view(view));
                 }
@@ -38,7 +47,8 @@ fn refined(config: &Config) -> Result<RunRefinement, RunRefinementError> {
         })
         .unwrap();
         let cell = RunCell { robot: &robot, mount: &config.camera.mount, camera: &config.camera.model };
-        refine_from_run(&cell, &run)
+        let end = end_pose(&cell, &run, (&q, config.set_point.X_DO().unwrap()))?;
+        refine_from_run(&cell, &run).map(|found| (found, end, ended.errors))
     })
     .unwrap()
 }
@@ -79,13 +89,14 @@ fn wrong(file: &str, random: &mut Random) -> (f64, Vec<String>) {
 fn runs_before_wrong_descriptions_claim_no_more_than_they_saw() {
     let draws = if std::env::var_os("VSERVO_CAMPAIGN").is_some() { 60 } else { 12 };
     let (mut sum, mut count, mut better) = (0.0, 0.0, 0);
+    let mut within = [0.0, 0.0];
     for (k, file) in ARMS.iter().enumerate() {
         let mut random = Random(300 + k as u64);
         for draw in 0..draws {
             let (size, set) = wrong(file, &mut random);
             let config = load(file, &set);
             let scene = config.scene.as_ref().unwrap();
-            let found = match refined(&config) {
+            let (found, end, errors) = match refined(&config) {
                 Ok(found) => found,
                 Err(e) => {
                     println!("{file} {draw}: {e}");
@@ -99,6 +110,10 @@ fn runs_before_wrong_descriptions_claim_no_more_than_they_saw() {
                 "{file} {draw}: chi-square {chi:.1}, {seen} seen, {} views, {:.3} -> {:.3} px",
                 found.views, found.rms_before_px, found.rms_after_px
             );
+            let (m, rad) = (errors.position_error_m.unwrap(), errors.orientation_error_rad.unwrap());
+            println!("{m:.5} m, {rad:.5} rad: {end:?}");
+            within[0] += f64::from(u32::from(m <= end.position_bound_m));
+            within[1] += f64::from(u32::from(rad <= end.angle_bound_rad));
             if std::env::var_os("VSERVO_CAMPAIGN").is_some() {
                 println!("{}", found.to_text());
             }
@@ -111,4 +126,7 @@ fn runs_before_wrong_descriptions_claim_no_more_than_they_saw() {
     // 13 numbers; what is drawn is within the prior, so that it is less where the run tells little.
     assert!(sum / count < 16.0, "{}", sum / count);
     assert!(f64::from(better) > 0.9 * count);
+    // Of 24 cases at 95 %, 21 and more are within but for one of thirty times.
+    println!("within the bounds: {within:?}");
+    assert!(within.iter().all(|within| *within >= 0.87 * count), "{within:?} of {count}");
 }

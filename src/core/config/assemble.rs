@@ -379,7 +379,10 @@ pub fn control_loop_with<const N: usize>(
     };
     let control = ControlLoop::new(Controller::new(settings, servo, behaviour), drive, of_loop);
     let further = config.further_targets.iter().map(|further| further.set_point.clone());
-    let mission = Mission::new(plan, task, goal, truth).with_further_goals(further);
+    // Of a pair of cameras the lens is no single one, and a target that moves tells nothing of the lens.
+    let keeps = closed_loop && config.task == Task::Servo && config.stereo.is_none();
+    let keeps = keeps && config.servo.object.is_none() && config.servo.estimation.is_none();
+    let mission = Mission::new(plan, task, goal, truth).with_further_goals(further).keeping_views(keeps);
     Ok(LockstepRun::new(control, mission.in_cell(planning).in_space(space)))
 }
 

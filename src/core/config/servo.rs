@@ -96,6 +96,7 @@ pub(super) fn servo(
     let visibility = visibility(s, target, camera, check);
     let path = path(raw, X_DO, check);
     let estimation = estimation(raw, camera, selection.as_ref(), check);
+    let search_s = check.range("servo.search_s", s.search_s, 0.0..=60.0);
     let calm = check.range("servo.gain_at_goal_1_s", s.gain_at_goal_1_s, GAIN_1_S);
     if check.count_problems() > before {
         return None;
@@ -108,6 +109,7 @@ pub(super) fn servo(
         lead: SpanNs::from_s(lead_ms * 1e-3),
         limit_avoidance_1_s: (avoid > 0.0).then_some(avoid),
         returns: s.return_to_last_seen,
+        search: (search_s > 0.0).then(|| SpanNs::from_s(search_s)),
         visibility,
         object,
         path,

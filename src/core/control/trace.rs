@@ -219,6 +219,8 @@ pub enum Event {
     RobotNotCleared,
     /// A goal of another target was set, which is not in view and was never seen whole: nobody knows where it is.
     NeverSeen,
+    /// The arm looks around for its target.
+    Searching,
 }
 
 impl Event {
@@ -248,6 +250,7 @@ impl Event {
             Self::RobotReady => "robot_ready",
             Self::RobotNotCleared => "robot_not_cleared",
             Self::NeverSeen => "never_seen",
+            Self::Searching => "searching",
         }
     }
 }

@@ -17,6 +17,7 @@
 //! | end | decided first ([`run_end`]); then the arm is brought to rest, and the last trace contains the outcome |
 //! | residual | the remaining error of an arm that has come to rest, or oscillates, away from its goal ([`residual`]) |
 
+mod accuracy;
 mod errors;
 mod goal_mean;
 mod goal_path;
@@ -34,6 +35,7 @@ mod task;
 mod teaching;
 pub mod truth;
 
+pub use accuracy::{Accuracy, contradicted_text};
 pub use errors::{FinalErrors, MeasuredErrors};
 pub use goal_path::PathTracking;
 pub use lockstep::LockstepRun;
@@ -52,7 +54,8 @@ use crate::drive::DriveState;
 use crate::messages::{ControlState, JointState, Measurement, frame_flag, joint_flag, trace_flag};
 use crate::motion::{ActingLimits, SpaceLimit, Workspace};
 use crate::servo::{MeasurementVerdict, SetPoint, View};
-use crate::time::{MonoNs, TICK};
+use crate::time::MonoNs;
+use accuracy::RunViewLog;
 use goal_path::TrackingSums;
 use goal_watch::GoalWatch;
 use nalgebra::SVector;
@@ -109,8 +112,14 @@ pub struct Mission<const N: usize> {
     /// Whether control was given the order.
     end_sent: bool,
     errors_at_end: Option<FinalErrors>,
+    /// Views of the target, where they tell how near the run has come.
+    views: Option<RunViewLog<N>>,
+    /// The posture in which the end was decided.
+    q_at_end: Option<SVector<f64, N>>,
     finish: Option<Finish>,
     statuses: u64,
+    /// Whether the arm looks around for its target.
+    searches: bool,
     /// Limits that acted since the last status.
     acted: ActingLimits,
     orders: VecDeque<ControlOrder<N>>,
@@ -154,8 +163,11 @@ impl<const N: usize> Mission<N> {
             end: RunEnd::default(),
             end_sent: false,
             errors_at_end: None,
+            views: None,
+            q_at_end: None,
             finish: None,
             statuses: 0,
+            searches: false,
             acted: ActingLimits::default(),
             orders,
         }
@@ -171,6 +183,9 @@ impl<const N: usize> Mission<N> {
         self.acted = self.acted.with(&trace.limits);
         if trace.held_by.is_some_and(SpaceLimit::is_of_places) {
             self.held_off = Some(now);
+        }
+        if let Some(views) = &mut self.views {
+            views.note_arm(js.stamp, &vector(&js.q), &vector(&js.qd));
         }
         self.hear(trace);
         if self.teacher.is_some() && self.teaches_from.is_none() && self.rest.is_at_rest() {
@@ -217,9 +232,13 @@ impl<const N: usize> Mission<N> {
         if let Some(reason) = trace.stopped {
             self.end.decide(Finish { outcome: Outcome::Stopped, reason });
         }
+        self.searches &= trace.state == ControlState::Returning;
         for event in trace.events.iter() {
             match event {
+                Event::Searching => self.searches = true,
+                Event::Returning => self.searches = false,
                 Event::Requested(Request::Start) => {
+                    self.views.iter_mut().for_each(RunViewLog::begin_anew);
                     self.goal_watch.begin_anew();
                     self.is_reduced = false;
                     // What an earlier start came to says nothing about this one.
@@ -277,6 +296,9 @@ impl<const N: usize> Mission<N> {
         let view = View::of(m, set_point).filter(|_| judged);
         let error_px = view.map_or(f64::NAN, |view| set_point.error_rms_px(&view, &self.plan.f_px));
         self.measurements.note(m, verdict, error_px, &mut trace.events);
+        if let Some(views) = self.views.as_mut().filter(|_| view.is_some()) {
+            views.note(m);
+        }
         if let Some(record) = &mut trace.measurement_record {
             record.error_px = error_px;
             if verdict.is_some_and(MeasurementVerdict::is_used) {
@@ -331,6 +353,7 @@ impl<const N: usize> Mission<N> {
         let Some(finish) = self.end.decided() else { return };
         if self.errors_at_end.is_none() {
             self.errors_at_end = Some(self.errors());
+            self.q_at_end = Some(vector(&self.joint_state.q));
         }
         if !std::mem::replace(&mut self.end_sent, true) {
             self.orders.push_back(ControlOrder::End);
@@ -393,41 +416,6 @@ impl<const N: usize> Mission<N> {
     /// Tells the status of what is known of the law's stability: [`Status::stability`](crate::messages::Status::stability).
     pub fn set_stability(&mut self, slowest: f64) {
         self.plan.stability = slowest;
-    }
-
-    /// The end of the run; `None` before.
-    #[must_use]
-    pub fn finish(&self) -> Option<Finish> {
-        self.finish
-    }
-
-    /// The goal.
-    #[must_use]
-    pub fn goal(&self) -> &Goal {
-        &self.goal
-    }
-
-    /// Root mean square feature error of the last measurement that has one, px; NaN before.
-    #[must_use]
-    pub fn feature_error_px(&self) -> f64 {
-        self.measurements.error_px()
-    }
-
-    /// The last state of control; at the end, the outcome.
-    #[must_use]
-    pub fn state(&self) -> ControlState {
-        self.state
-    }
-
-    /// The log of the measurements.
-    pub fn measurements(&self) -> &MeasurementLog {
-        &self.measurements
-    }
-
-    /// Time from the first tick to the last one, that one included, s.
-    #[must_use]
-    pub fn duration_s(&self) -> f64 {
-        self.first.map_or(0.0, |first| (self.last + TICK - first).as_s())
     }
 
     /// The true joint positions of the simulated arm.

@@ -6,6 +6,7 @@
 //!                         └► Refusal                                                      └► Refusal
 //! ```
 
+use super::accuracy::RunViewLog;
 use super::{BelievedCell, Mission, RunTask, vector};
 use crate::control::behaviour::CommandedMotion;
 use crate::control::lifecycle::{Refusal, Request};
@@ -65,6 +66,12 @@ impl<const N: usize> Mission<N> {
     #[must_use]
     pub fn in_cell(self, cell: BelievedCell<N>) -> Self {
         Self { cell: Some(cell), ..self }
+    }
+
+    /// The same, which keeps views by which it can tell how near to its goal it has come.
+    #[must_use]
+    pub fn keeping_views(self, keeps: bool) -> Self {
+        Self { views: keeps.then(RunViewLog::new), ..self }
     }
 
     /// The same, which refuses postures beyond limits in space.

@@ -1,13 +1,49 @@
 //! Errors and status of a run.
 
-use super::{FinalErrors, MeasuredErrors, Mission};
+use super::{Accuracy, DescriptionError, FinalErrors, Goal, MeasuredErrors, MeasurementLog, Mission};
+use crate::control::outcome::Finish;
 use crate::control::safety::ContactNumbers;
 use crate::control::trace::Trace;
 use crate::geometry::{Pose, rotation_angle};
-use crate::messages::{Status, status_flag};
-use crate::time::SpanNs;
+use crate::messages::{ControlState, Status, status_flag};
+use crate::time::{SpanNs, TICK};
 
 impl<const N: usize> Mission<N> {
+    /// The end of the run; `None` before.
+    #[must_use]
+    pub fn finish(&self) -> Option<Finish> {
+        self.finish
+    }
+
+    /// The goal.
+    #[must_use]
+    pub fn goal(&self) -> &Goal {
+        &self.goal
+    }
+
+    /// Root mean square feature error of the last measurement that has one, px; NaN before.
+    #[must_use]
+    pub fn feature_error_px(&self) -> f64 {
+        self.measurements.error_px()
+    }
+
+    /// The last state of control; at the end, the outcome.
+    #[must_use]
+    pub fn state(&self) -> ControlState {
+        self.state
+    }
+
+    /// The log of the measurements.
+    pub fn measurements(&self) -> &MeasurementLog {
+        &self.measurements
+    }
+
+    /// Time from the first tick to the last one, that one included, s.
+    #[must_use]
+    pub fn duration_s(&self) -> f64 {
+        self.first.map_or(0.0, |first| (self.last + TICK - first).as_s())
+    }
+
     /// The target of the goal in the camera in simulated truth, m.
     fn true_view(&self) -> Option<Pose> {
         let q = self.q_true()?;
@@ -36,6 +72,26 @@ impl<const N: usize> Mission<N> {
     #[must_use]
     pub fn final_errors(&self) -> FinalErrors {
         self.errors_at_end.unwrap_or_else(|| self.errors())
+    }
+
+    /// How near to its goal the run has ended, by all that it has seen; `None` before its end, of a goal that was taught, where the target or nothing moves, and
+    /// where nothing explains what was seen.
+    #[must_use]
+    pub fn accuracy(&self) -> Option<Accuracy> {
+        let first_target = self.goal.set_point.target() == 0;
+        self.views.as_ref().filter(|_| first_target)?.accuracy(
+            self.cell.as_ref()?,
+            &self.goal.set_point,
+            self.q_at_end.as_ref()?,
+        )
+    }
+
+    /// The numbers of the description that the run contradicts by the joints and the views of it, the surest first.
+    #[must_use]
+    pub fn contradicted(&self) -> Vec<DescriptionError> {
+        let first_target = self.goal.set_point.target() == 0;
+        let known = self.views.as_ref().filter(|_| first_target).zip(self.cell.as_ref());
+        known.map_or_else(Vec::new, |(views, cell)| views.contradicted(cell, &self.goal.set_point))
     }
 
     /// Errors now: against simulated truth where there is one, else from the last measurement.
@@ -96,7 +152,8 @@ impl<const N: usize> Mission<N> {
             limits: self.acted.kinds(),
             limited_joints: u32::from(self.acted.all_joints()),
             arm: 0,
-            flags: if self.measurements.is_degraded() { status_flag::DEGRADED } else { 0 },
+            flags: if self.measurements.is_degraded() { status_flag::DEGRADED } else { 0 }
+                | if self.searches { status_flag::SEARCHING } else { 0 },
             camera_state: 0, // which its companion knows
             goal: self.goal.id,
             camera_restarts: 0, // these too

@@ -214,6 +214,7 @@ pub fn describe(event: Event) -> String {
         }
         Event::GoalLeft => "the goal that was reached is not met any more",
         Event::Returning => "the arm goes back to where it saw the whole target last",
+        Event::Searching => "the arm looks around for its target, slowly",
         Event::NeverSeen => {
             "the target of the goal is not in view and was never seen whole in this run: bring the arm to where it is, by `vservo ctl goto`, `goto` of a program or [postures]"
         }

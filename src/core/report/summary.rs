@@ -14,7 +14,7 @@ pub use times::{Latencies, RealtimeReport, TickTimes};
 
 use crate::control::outcome::Outcome;
 use crate::mission::measurement_log::VerdictCounts;
-use crate::mission::{FinalErrors, ModelError, PathTracking};
+use crate::mission::{Accuracy, DescriptionError, FinalErrors, ModelError, PathTracking, contradicted_text};
 use crate::report::histogram::Quantiles;
 use crate::report::numbers::significant;
 use crate::servo::Stability;
@@ -142,6 +142,12 @@ pub struct Summary {
     /// Errors at the end: against simulated truth where there is one, else from the last measurement.
     #[serde(rename = "final")]
     pub final_errors: FinalErrors,
+    /// How near to its goal the camera is by all that the run has seen, and within which bound; `null` where the goal was taught, or nothing tells.
+    #[serde(default)]
+    pub accuracy: Option<Accuracy>,
+    /// The numbers of the description that the views of the run contradict together with its joints, the surest first; left out where there are none.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub contradicted: Vec<DescriptionError>,
     /// Latencies of the measurements.
     pub latency_us: Latencies,
     /// Times of the control tick.
@@ -229,6 +235,8 @@ impl Summary {
             late_drive_states: 0,
             settling_time_s: None,
             final_errors: FinalErrors::default(),
+            accuracy: None,
+            contradicted: Vec::new(),
             latency_us: Latencies::default(),
             tick_us: TickTimes::default(),
             realtime: None,
@@ -318,6 +326,12 @@ impl Summary {
                 or_unknown(b.position_error_m, 1e3, "mm"),
                 or_unknown(b.orientation_error_rad, 180.0 / std::f64::consts::PI, "deg"),
             );
+        }
+        if let Some(accuracy) = &self.accuracy {
+            let _ = writeln!(t, "accuracy      {}", accuracy.to_text());
+        }
+        if let Some(text) = contradicted_text(&self.contradicted) {
+            let _ = writeln!(t, "description   {text}");
         }
         if let Some(path) = &self.path {
             let _ = writeln!(t, "path          {}", path.describe());

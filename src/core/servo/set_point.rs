@@ -113,6 +113,13 @@ impl SetPoint {
         self.X_DO.as_ref()
     }
 
+    /// Whether the desired features are those of the desired pose: of a goal that is a pose. Features that were measured fit none so well.
+    #[must_use]
+    pub fn is_of_pose(&self) -> bool {
+        // A billionth of the focal length: rounding leaves less, and the finest measurement more.
+        self.X_DO.is_some_and(|X_DO| self.error_rms_px_at(&X_DO, &Vector2::repeat(1.0)) < 1e-9)
+    }
+
     /// What the law compares.
     #[must_use]
     pub fn selection(&self) -> &Selection {
@@ -211,7 +218,7 @@ mod tests {
         let (X_DO, points) = textbook();
         let s = SetPoint::from_pose(&X_DO, &points).unwrap();
         let f_px = Vector2::new(600.0, 600.0);
-        assert!(s.error_rms_px_at(&X_DO, &f_px) < 1e-12);
+        assert!(s.error_rms_px_at(&X_DO, &f_px) < 1e-12 && s.is_of_pose());
         let beside = Pose::translation(0.001, 0.0, 0.0) * X_DO;
         assert!((s.error_rms_px_at(&beside, &f_px) - 1.0).abs() < 1e-9);
         let one = View::new([Vector2::zeros()].into_iter(), None).unwrap();

@@ -50,6 +50,8 @@ pub struct ServoSettings {
     pub gain_at_goal_1_s: f64,
     /// Whether the arm returns to the posture of the last complete view when the target is lost.
     pub returns: bool,
+    /// For how long at most an arm that does not see the target from there looks around; `None`: not at all.
+    pub search: Option<SpanNs>,
     /// Whether consecutive views are compared to estimate joint motion that coarse encoders do not show ([`super::UnobservedMotion`]).
     pub watches_drift: bool,
     /// Lag of the drive: by how much later the arm follows its commands. `predict` predicts the view that far ahead.
@@ -76,6 +78,7 @@ impl ServoSettings {
             held_lag: SpanNs::ZERO,
             gain_at_goal_1_s: f64::INFINITY,
             returns: false,
+            search: None,
             watches_drift: false,
             lead: SpanNs::ZERO,
             estimation: None,

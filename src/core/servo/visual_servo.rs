@@ -11,6 +11,7 @@ mod feed_forward;
 mod frozen_image;
 mod hidden_features;
 mod law_answer;
+mod look_around;
 mod pace;
 mod target_change;
 
@@ -30,7 +31,7 @@ use covariance::{covariance_in, stated_covariance};
 use frozen_image::has_noise;
 use nalgebra::{Matrix6, SVector, Vector6};
 pub use target_change::MAX_TARGETS;
-use target_change::{MISSES, SeenWhole};
+use target_change::{MISSES, SeenWhole, centre};
 
 /// How far an exposure stamp may lie in the future, since some drivers stamp the planned end of a frame: a period of 20 Hz. Half and twice of it
 /// change no unit test.
@@ -290,7 +291,7 @@ impl<const N: usize> VisualServo<N> {
             object.observe(exposure, &(X_WC * X_CO), &covariance_in(&X_WC, &covariance));
         }
         if !partial {
-            self.seen_whole_at(&q);
+            self.seen_whole_at(&q, view.X_CO().map(|X_CO| X_WC * X_CO * centre(self.goal.points())));
         }
         self.first_motion.note(&X_WC);
         if self.object.is_none() && !supposed {

@@ -97,6 +97,8 @@ named_codes! {
     pub mod status_flag {
         /// Some features are hidden; the law uses the others.
         pub const DEGRADED: u32 = 1;
+        /// While the state is `returning`: the arm looks around for its target.
+        pub const SEARCHING: u32 = 2;
     }
 }
 

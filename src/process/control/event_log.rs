@@ -15,7 +15,11 @@ pub(super) fn log<const N: usize>(trace: &Trace, mission: &Mission<N>) {
             Event::Fault(fault) => {
                 error!(event = word, fault = fault.code(), state, time_s, tick, "{what}");
             }
-            Event::Holding | Event::Returning | Event::GoalLeft | Event::StartsElsewhere => {
+            Event::Holding
+            | Event::Returning
+            | Event::Searching
+            | Event::GoalLeft
+            | Event::StartsElsewhere => {
                 warn!(event = word, state, goal, feature_error_px = error_px, time_s, tick, "{what}");
             }
             Event::Requested(request) => {

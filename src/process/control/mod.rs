@@ -288,6 +288,8 @@ fn summary<const N: usize>(
         late_drive_states: control.late_drive_states(),
         settling_time_s: statistics.settling_time_s(),
         final_errors: mission.final_errors(),
+        accuracy: mission.accuracy(),
+        contradicted: mission.contradicted(),
         latency_us: statistics.latencies(),
         tick_us: pace.tick_us,
         realtime: pace.realtime,

@@ -9,15 +9,18 @@
 //! Unknown are focal lengths, principal point and first radial coefficient of the lens, the mount of the camera, the pose of the target, the offset of
 //! the stamps and the size of the target. A run is no calibration: it goes from a start to a goal, and shows some of them and mixtures of others. So each has a
 //! prior, the run file with a standard deviation that is stated, and what a run has not made at least twice as certain as that is told
-//! as not seen, with the motion that would show it. The size of the target shows because the joints are metric.
+//! as not seen, with the motion that would show it. What is left uncertain makes the pose in which the run has ended uncertain ([`EndPose`]). The size of the target shows because the joints are metric.
 
+mod end_pose;
 mod problem;
 mod refinement;
 mod unknowns;
 mod views;
 
+pub use end_pose::{CONFIDENCE, DescribedPart, EndPose, end_pose};
 pub use problem::refine_from_run;
 pub use refinement::{RefinedNumber, RunRefinement, RunRefinementError};
+pub(crate) use views::NEW_PX;
 pub use views::{RunCell, RunViews, SeenPoint, SeenView};
 
 #[cfg(test)]

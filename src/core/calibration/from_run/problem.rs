@@ -9,17 +9,17 @@ use super::views::{RunCell, RunViews, SeenView};
 use crate::calibration::JointTrack;
 use crate::geometry::{Pose, integrate_body_twist};
 use crate::linalg::Ldlt;
-use nalgebra::{Point3, SMatrix, Vector2};
+use nalgebra::{Point3, SMatrix, SVector, Vector2};
 
 /// Steps of the differences: chosen by hand, 0.01 px to 0.1 px of usual views, far above rounding and far below what bends.
-const STEP: f64 = 1e-5;
+pub(super) const STEP: f64 = 1e-5;
 /// Smallest standard deviation of a point, px: a hundredth, because no finder measures real images better.
 const MIN_SD_PX: f64 = 0.01;
 /// Of points that state none, px. Chosen by hand, above what rendered marks have: spreads below it are not believed.
 const UNKNOWN_SD_PX: f64 = 0.05;
 /// Residuals beyond so many standard deviations count less. Chosen by hand: one of a hundred does that is right.
 const HUBER: f64 = 3.0;
-/// Fewest views. Chosen by hand: twice as many equations as unknowns with four points each, and a motion.
+/// Fewest views of a refinement. Chosen by hand: twice as many equations as unknowns with four points each, and a motion.
 const LEAST: usize = 6;
 /// Most steps. Chosen by hand, so that the search must come to an end: a small step ends it earlier.
 const ITERATIONS: usize = 60;
@@ -31,7 +31,7 @@ const LAST_STEP: f64 = 1e-6;
 /// so much half a metre before a usual lens, and points of a target that moved are off by hundreds.
 const MOST_RMS_PX: f64 = 5.0;
 
-type RunInformation = SMatrix<f64, UNKNOWNS, UNKNOWNS>;
+pub(super) type RunInformation = SMatrix<f64, UNKNOWNS, UNKNOWNS>;
 
 /// Refines what the run file tells of `cell` by what `run` has seen.
 ///
@@ -41,12 +41,46 @@ pub fn refine_from_run<const N: usize>(
     cell: &RunCell<'_, N>,
     run: &RunViews<N>,
 ) -> Result<RunRefinement, RunRefinementError> {
-    let views = run.thinned();
-    if views.len() < LEAST || run.track.is_empty() {
-        return Err(RunRefinementError::TooFewViews { found: views.len(), needed: LEAST });
+    if run.views.len() < LEAST {
+        return Err(RunRefinementError::TooFewViews { found: run.views.len(), needed: LEAST });
     }
-    let problem = RunProblem { cell: *cell, track: &run.track, views: &views };
-    let first = problem.first_guess().ok_or(RunRefinementError::TooFewViews { found: 0, needed: LEAST })?;
+    let (problem, found) = solved(cell, run)?;
+    let lens = lens_of(cell.camera, &found.at).ok_or(RunRefinementError::NoFit)?;
+    let before = problem.best_pose_alone(&found.first).and_then(|at| problem.residuals(&found.first, &at));
+    let rms = (before.map_or(f64::NAN, |r| problem.rms_px(&r)), found.rms_px);
+    let views = (problem.views.len(), run.repeated);
+    Ok(RunRefinement::new(cell, (&found.at, &found.covariance), &lens, views, rms))
+}
+
+/// What fits a run best.
+pub(super) struct RunFit {
+    /// The pose of the target from which its unknowns count.
+    pub(super) first: Pose,
+    pub(super) at: RunUnknowns,
+    pub(super) covariance: RunInformation,
+    /// What remains, root mean square, px.
+    pub(super) rms_px: f64,
+}
+
+impl RunFit {
+    /// The target in the camera of `cell` with joints at `q`, for unknowns `at`.
+    pub(super) fn X_CO<const N: usize>(
+        &self,
+        cell: &RunCell<'_, N>,
+        q: &SVector<f64, N>,
+        at: &RunUnknowns,
+    ) -> Pose {
+        mount_of(cell.mount, at).X_WC(cell.robot, q).inv_mul(&object_of(&self.first, at))
+    }
+}
+
+/// Fits all unknowns to what `run` has seen, be it a single view: what that does not tell stays as the prior has it.
+pub(super) fn solved<'a, const N: usize>(
+    cell: &RunCell<'a, N>,
+    run: &'a RunViews<N>,
+) -> Result<(RunProblem<'a, N>, RunFit), RunRefinementError> {
+    let problem = RunProblem { cell: *cell, track: &run.track, views: run.thinned() };
+    let first = problem.first_guess().ok_or(RunRefinementError::TooFewViews { found: 0, needed: 1 })?;
     let mut at = RunUnknowns::zeros();
     let (mut spread, mut previous) = (1.0_f64, f64::INFINITY);
     let mut covariance = None;
@@ -61,15 +95,17 @@ pub fn refine_from_run<const N: usize>(
         previous = spread;
     }
     let covariance = covariance.ok_or(RunRefinementError::NoFit)?;
-    let before = problem.best_pose_alone(&first).and_then(|at| problem.residuals(&first, &at));
     let after = problem.residuals(&first, &at).ok_or(RunRefinementError::NoFit)?;
     let rms_px = problem.rms_px(&after);
     if !(rms_px < MOST_RMS_PX) {
         return Err(RunRefinementError::Unexplained { rms_px });
     }
-    let lens = lens_of(cell.camera, &at).ok_or(RunRefinementError::NoFit)?;
-    let rms = (before.map_or(f64::NAN, |r| problem.rms_px(&r)), rms_px);
-    Ok(RunRefinement::new(cell, (&at, &covariance), &lens, (views.len(), run.repeated), rms))
+    Ok((problem, RunFit { first, at, covariance, rms_px }))
+}
+
+/// The target in the frame in which it rests.
+fn object_of(first: &Pose, at: &RunUnknowns) -> Pose {
+    integrate_body_twist(first, &at.fixed_rows::<6>(OBJECT).into(), 1.0)
 }
 
 /// Spread of residuals in standard deviations, from their median: outliers do not move it. The median length of two unit normal numbers is sqrt(2 ln 2).
@@ -82,10 +118,10 @@ fn spread_of(residuals: &[Vector2<f64>], unknowns: usize) -> f64 {
     *median / (2.0 * 2.0_f64.ln()).sqrt() * (numbers / freedom).sqrt()
 }
 
-struct RunProblem<'a, const N: usize> {
+pub(super) struct RunProblem<'a, const N: usize> {
     cell: RunCell<'a, N>,
     track: &'a JointTrack<N>,
-    views: &'a [&'a SeenView],
+    views: Vec<&'a SeenView>,
 }
 
 impl<const N: usize> RunProblem<'_, N> {
@@ -104,10 +140,10 @@ impl<const N: usize> RunProblem<'_, N> {
     fn residuals(&self, first: &Pose, at: &RunUnknowns) -> Option<Vec<Vector2<f64>>> {
         let lens = lens_of(self.cell.camera, at)?;
         let mount = mount_of(self.cell.mount, at);
-        let X_WO = integrate_body_twist(first, &at.fixed_rows::<6>(OBJECT).into(), 1.0);
+        let X_WO = object_of(first, at);
         let size = at[SIZE].exp();
         let mut all = Vec::new();
-        for view in self.views {
+        for view in &self.views {
             let (q, _) = self.track.at(view.stamp, at[STAMPS])?;
             let X_CO = mount.X_WC(self.cell.robot, &q).inv_mul(&X_WO);
             for point in &view.points {

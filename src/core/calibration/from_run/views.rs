@@ -3,7 +3,7 @@
 use crate::calibration::JointTrack;
 use crate::camera_model::CameraModel;
 use crate::geometry::Pose;
-use crate::messages::{JointState, Measurement};
+use crate::messages::{FeaturePoint, JointState, Measurement, measurement_flag};
 use crate::robot::{Mount, Robot};
 use crate::target::Target;
 use crate::time::MonoNs;
@@ -11,7 +11,7 @@ use nalgebra::{Point3, SVector, Vector2};
 
 /// Motion of the target in the image from which on a view says something new, px. Chosen by hand: a finder's error that depends on how a mark lies in the pixels
 /// repeats with a pixel.
-const NEW_PX: f64 = 2.0;
+pub(crate) const NEW_PX: f64 = 2.0;
 /// Largest number of views; of more, every n-th counts. Chosen by hand: the fit takes some seconds with so many.
 const MOST: usize = 600;
 
@@ -37,6 +37,15 @@ pub struct SeenPoint {
     pub sd_px: f64,
 }
 
+impl SeenPoint {
+    /// The point `f` of `m`, which is believed to be at `p_O`. What is stated where the description does not fit contains that: it says nothing of noise.
+    pub(crate) fn of(m: &Measurement, f: &FeaturePoint, p_O: Point3<f64>) -> Self {
+        let is_noise = m.flags & measurement_flag::MODEL_ERROR == 0;
+        let sd_px = if is_noise { f.sd_px } else { 0.0 };
+        Self { p_O, px: Vector2::new(f.u_px, f.v_px), sd_px }
+    }
+}
+
 /// The target in one frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SeenView {
@@ -55,7 +64,7 @@ impl SeenView {
         let X_CO = m.pose().filter(|_| m.found() && m.target_number == 0)?;
         let points = m.features().iter().filter_map(|f| {
             let point = target.points().iter().find(|point| u64::from(point.id) == f.id)?;
-            Some(SeenPoint { p_O: point.p_O, px: Vector2::new(f.u_px, f.v_px), sd_px: f.sd_px })
+            Some(SeenPoint::of(m, f, point.p_O))
         });
         let points: Vec<_> = points.filter(|p| p.px.iter().all(|x| x.is_finite())).collect();
         // fewer fix no pose

@@ -206,6 +206,8 @@ table! {
         limit_avoidance_1_s: f64 = 0.0,
         /// Whether the arm returns to the posture of the last complete view when the target is lost.
         return_to_last_seen: bool = true,
+        /// For how long at most an arm that does not see the target from there looks around, s; 0: it does not.
+        search_s: f64 = 10.0,
         /// `[servo.visibility]`: keeps the target in the image.
         visibility: RawVisibility = RawVisibility::default(),
         /// `[servo.object]`: estimate the target's own motion, predict views by it and follow it.

@@ -15,6 +15,7 @@ mod measurements;
 mod motion;
 mod orders;
 mod returning;
+mod searching;
 mod sensing;
 mod settings;
 mod space;
@@ -242,7 +243,8 @@ impl<const N: usize> Controller<N> {
         let may_return = !self.behaviour.is_dry() && self.behaviour.sees(now);
         let returns = |state: &DriveState<N>| self.servo.way_back(&state.q).filter(|_| may_return);
         let way_back = observed.as_ref().and_then(returns);
-        self.live(now, state.as_ref(), confidence, way_back.is_some());
+        let left = way_back.as_ref().map(|(qd, way)| qd.amax() / way.rate_1_s);
+        self.live(now, state.as_ref(), confidence, (may_return, left));
         if self.state != State::Servoing {
             self.servo.restart();
             self.behaviour.interrupt();
@@ -251,6 +253,10 @@ impl<const N: usize> Controller<N> {
             (Some(state), State::Servoing, _) => {
                 let pace = (self.pace(), confidence);
                 self.behaviour.motion_command(state, pace, &self.arm, &mut self.servo)
+            }
+            (Some(state), State::Returning, _) if self.returning.is_searching() => {
+                confidence = 1.0;
+                self.search(state)
             }
             (Some(_), State::Returning, Some((qd, convergence))) => {
                 // The way back follows the arm's earlier postures and needs no view.
@@ -301,8 +307,14 @@ impl<const N: usize> Controller<N> {
         }
     }
 
-    /// Updates the lifecycle by the view and by whether there is a posture to return to.
-    fn live(&mut self, now: MonoNs, state: Option<&DriveState<N>>, confidence: f64, way_back: bool) {
+    /// Updates the lifecycle by the view, by whether the camera is at work, and how far it is to a posture to return to, rad or m.
+    fn live(
+        &mut self,
+        now: MonoNs,
+        state: Option<&DriveState<N>>,
+        confidence: f64,
+        way_back: (bool, Option<f64>),
+    ) {
         let before = self.state;
         if let Some(fault) = self.failure.take() {
             self.fault.get_or_insert(fault);
@@ -350,6 +362,7 @@ impl<const N: usize> Controller<N> {
             let event = match (self.state, next) {
                 (_, State::Failing) => self.fault.map(Event::Fault),
                 (State::Servoing, State::Holding) => Some(Event::Holding),
+                (State::Holding, State::Returning) if self.returning.is_searching() => Some(Event::Searching),
                 (State::Holding | State::Waiting, State::Returning) => Some(Event::Returning),
                 (State::Holding | State::Returning, State::Servoing) => Some(Event::Resumed),
                 (State::Teaching, State::Held) => Some(Event::Taught),
@@ -380,12 +393,6 @@ impl<const N: usize> Controller<N> {
         self.reference.reset_to_measured(&state.q, &qd);
         self.gate.begin_at(&state.q);
         self.joint_control.reset_to_measured(&state.q, &qd);
-    }
-
-    /// The state of an arm that is on its reference.
-    fn believed(&self) -> DriveState<N> {
-        let r = self.reference.state();
-        DriveState { q: r.q, qd: r.qd, truth: None }
     }
 
     /// The fault of an arm that does not follow its reference. In a fault the reference is reset to the arm, which moves at

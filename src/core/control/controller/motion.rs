@@ -35,6 +35,12 @@ pub(super) struct TickMotion<const N: usize> {
 }
 
 impl<const N: usize> Controller<N> {
+    /// The state of an arm that is on its reference.
+    pub(super) fn believed(&self) -> DriveState<N> {
+        let r = self.reference.state();
+        DriveState { q: r.q, qd: r.qd, truth: None }
+    }
+
     /// The reference of this tick, and on to that of the next one.
     pub(super) fn motion(
         &mut self,

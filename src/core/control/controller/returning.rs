@@ -1,15 +1,25 @@
-//! The way back to where the target was last seen whole: once after each loss of the view, and for a target that is looked for again.
+//! The way back to where the target was last seen whole, and the search from there: once after each loss of the view, and for a target that is looked for again.
+//!
+//! ```text
+//! Holding ─ a way back ─► Returning ─ near its end, not seen for some time ─► Returning: search ─► Returning: back ─► Holding
+//! ```
 
 use super::Controller;
-use crate::control::behaviour::LIMIT_SHARE;
+use super::searching::{SearchMotion, is_elsewhere, within_share};
 use crate::control::lifecycle::{Cue, State};
 use crate::control::trace::Event;
+use crate::messages::Measurement;
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::SVector;
 
 /// Longest way back: an arm that a limit in space holds off its end gives up then. Derived: a turn of a joint at a quarter of 2 rad/s, which slow arms reach,
 /// takes 12.6 s, and the exponential end from 1 rad to a milliradian at 2 1/s takes 3.5 s.
 const LONGEST: SpanNs = SpanNs(20_000_000_000);
+/// For how long the target must not be seen from where it was seen before the arm looks around. Chosen by hand: a hand that passes takes as long, and frames at 5 Hz show it twice.
+const LOOKED_FOR: SpanNs = SpanNs(500_000_000);
+
+/// Distance from the end of the way back, rad or m, from which on the arm may look around as well. Chosen by hand: half a metre before the target it is 25 mm.
+const NEAR: f64 = 0.05;
 
 /// What is known of the way back.
 #[derive(Debug, Clone, Copy, Default)]
@@ -18,40 +28,87 @@ pub(super) struct ReturnWatch {
     has_returned: bool,
     /// Since when it is on its way back.
     since: Option<MonoNs>,
+    /// Since when the target is lost.
+    lost_since: Option<MonoNs>,
+    /// The search, while it goes on.
+    search: Option<SearchMotion>,
+    /// Whether the arm has already searched after this loss of the view.
+    has_searched: bool,
+    /// Whether the last measurement says that the target is elsewhere.
+    elsewhere: bool,
     /// Whether it was told that nobody knows where the target is.
     told: bool,
 }
 
+impl ReturnWatch {
+    pub(super) fn note(&mut self, m: &Measurement) {
+        self.elsewhere = is_elsewhere(m.target_status());
+    }
+
+    pub(super) fn is_searching(&self) -> bool {
+        self.search.is_some()
+    }
+
+    pub(super) fn search_mut(&mut self) -> Option<&mut SearchMotion> {
+        self.search.as_mut()
+    }
+}
+
 impl<const N: usize> Controller<N> {
-    /// Updates the lifecycle by whether there is a `way_back`; it was `before` this tick.
-    pub(super) fn note_way_back(&mut self, now: MonoNs, before: State, way_back: bool) {
-        let ReturnWatch { has_returned, since, told } = self.returning;
-        let is_late = since.is_some_and(|since| now - since > LONGEST);
+    /// Updates the lifecycle by whether the camera `sees` anything, and how far a way back has still to go, rad or m; it was `before` this tick.
+    pub(super) fn note_way_back(&mut self, now: MonoNs, before: State, (sees, left): (bool, Option<f64>)) {
+        let r = self.returning;
+        let is_late = r.since.is_some_and(|since| now - since > LONGEST);
         // An arm that was just started goes nowhere but to its goal, unless that is of another target than what it saw last.
         let may_leave = self.state != State::Waiting || self.servo.looks_for_another();
-        // Only one return for each loss of the view: noise about the end of the way back must not start another one.
-        let goes = way_back && !has_returned && !is_late && may_leave;
-        self.cue(if goes { Cue::WayBack } else { Cue::Returned });
+        let is_away = |state| matches!(state, State::Holding | State::Returning);
+        let ongoing = r.search.filter(|search| sees && is_away(self.state) && search.goes_on(now));
+        let ends = r.search.is_some() && ongoing.is_none();
+        // Only one return for each loss of the view: noise about the end of the way back must not start another one. After a search the arm goes back once more.
+        let goes = left.is_some() && (ends || !r.has_returned) && !is_late && may_leave;
+        let is_near = !goes || left.is_some_and(|left| left < NEAR);
+        let search = ongoing.or_else(|| self.search_begins(now, sees && is_near));
+        self.returning.search = search;
+        self.cue(if goes || search.is_some() { Cue::WayBack } else { Cue::Returned });
         let lost = self.servo.knows_no_place() && matches!(self.state, State::Holding | State::Waiting);
-        if lost && !told {
+        if lost && !r.told {
             self.events.push(Event::NeverSeen);
         }
+        let (holds, returns) = (self.state == State::Holding, self.state == State::Returning);
+        let searches = search.is_some() && returns;
+        match (r.search.is_some(), searches) {
+            // From a state that held this was told by the change of state.
+            (false, true) if before == State::Returning => self.events.push(Event::Searching),
+            (true, false) if returns => self.events.push(Event::Returning),
+            _ => {}
+        }
         self.returning = ReturnWatch {
-            has_returned: self.state == State::Holding && (has_returned || before == State::Returning),
-            since: (self.state == State::Returning).then(|| since.unwrap_or(now)),
-            told: lost || (told && self.servo.looks_for_another()),
+            has_returned: holds && (r.has_returned || before == State::Returning),
+            since: returns.then(|| r.since.filter(|_| !ends).unwrap_or(now)),
+            lost_since: is_away(self.state).then(|| r.lost_since.unwrap_or(now)),
+            search: search.filter(|_| searches),
+            has_searched: is_away(self.state) && (r.has_searched || searches),
+            elsewhere: r.elsewhere,
+            told: lost || (r.told && self.servo.looks_for_another()),
         };
     }
 
-    /// The velocity `qd`, rad/s or m/s, of a way back. The way to a target that was seen some time ago may be long and passes where the arm has not just been: it
-    /// is as slow as any motion to a posture.
+    /// A search that begins now, of an arm that `may` look around.
+    fn search_begins(&self, now: MonoNs, may: bool) -> Option<SearchMotion> {
+        let settings = self.servo.settings();
+        let longest = settings.search.filter(|_| settings.returns && may)?;
+        let ReturnWatch { lost_since, has_searched, elsewhere, .. } = self.returning;
+        let waited = lost_since.is_some_and(|since| now - since > LOOKED_FOR);
+        let begins = waited && elsewhere && !has_searched;
+        (begins && self.servo.seen_place().is_some()).then(|| SearchMotion::new(now, longest))
+    }
+
+    /// The velocity `qd`, rad/s or m/s, of a way back. The way to a target that was seen some time ago, or from the end of a search, may be long and passes where the arm has not
+    /// just been: it is as slow as any motion to a posture.
     pub(super) fn pace_of_return(&self, qd: SVector<f64, N>) -> SVector<f64, N> {
-        if !self.servo.looks_for_another() {
+        if !self.servo.looks_for_another() && !self.returning.has_searched {
             return qd;
         }
-        let shares =
-            qd.iter().zip(&self.arm.limits.velocity).map(|(qd, limit)| qd.abs() / (LIMIT_SHARE * limit));
-        let share = shares.fold(0.0, f64::max);
-        if share > 1.0 { qd / share } else { qd }
+        qd * within_share(&qd, &self.arm.limits.velocity)
     }
 }

@@ -99,7 +99,7 @@ pub fn event_words(events: u32) -> impl Iterator<Item = &'static str> {
 }
 
 /// [`Event::as_str`] by [`event_number`].
-const EVENT_WORDS: [&str; 22] = [
+const EVENT_WORDS: [&str; 23] = [
     "holding",
     "resumed",
     "stopping",
@@ -122,6 +122,7 @@ const EVENT_WORDS: [&str; 22] = [
     "robot_not_cleared",
     "velocity_ended",
     "never_seen",
+    "searching",
 ];
 
 fn event_number(event: Event) -> u32 {
@@ -148,6 +149,7 @@ fn event_number(event: Event) -> u32 {
         Event::RobotNotCleared => 19,
         Event::VelocityEnded => 20,
         Event::NeverSeen => 21,
+        Event::Searching => 22,
     }
 }
 
@@ -182,6 +184,7 @@ mod tests {
             RobotNotCleared,
             VelocityEnded,
             NeverSeen,
+            Searching,
         ];
         for event in all {
             let words: Vec<_> = event_words(1 << event_number(event)).collect();

@@ -1,6 +1,7 @@
 //! What the summary of a run says, in the words of the page.
 
 use crate::control::outcome::Outcome;
+use crate::mission::contradicted_text;
 use crate::report::summary::Summary;
 use crate::servo::{Margins, StabilityMargin};
 
@@ -66,6 +67,12 @@ pub fn run_facts(s: &Summary) -> Vec<(String, String)> {
         let b = &f.believed;
         tell("the same as measured", errors(b.feature_error_px, b.position_error_m, b.orientation_error_rad));
     }
+    if let Some(accuracy) = &s.accuracy {
+        tell("accuracy", accuracy.to_text());
+    }
+    if let Some(text) = contradicted_text(&s.contradicted) {
+        tell("description", text);
+    }
     if let Some(path) = &s.path {
         tell("path of the goal", path.describe());
     }
@@ -103,6 +110,7 @@ pub fn run_facts(s: &Summary) -> Vec<(String, String)> {
 mod tests {
     use super::*;
     use crate::config::Config;
+    use crate::mission::DescriptionError;
     use crate::time::SpanNs;
 
     #[test]
@@ -116,6 +124,14 @@ mod tests {
         assert_eq!((value("settling", &summary), value("state hash", &summary)), (None, None));
         summary.missed_deadlines = 3;
         assert_eq!(value("control ticks", &summary).unwrap(), "0, 3 deadlines missed, 0 of them skipped");
+        assert_eq!((value("accuracy", &summary), value("description", &summary)), (None, None));
+        let size = DescriptionError { key: "size".into(), described: 1.0, estimated: 1.04, sd: 0.002 };
+        summary.contradicted.push(size);
+        assert!(
+            value("description", &summary)
+                .unwrap()
+                .starts_with("size looks like 1.0400 +- 0.0020 (told 1.0000)")
+        );
         summary.final_errors.feature_error_px = Some(0.04567);
         assert_eq!(value("error at the end", &summary).unwrap(), "0.0457 px");
     }

@@ -33,7 +33,7 @@ impl<const N: usize> VisualServo<N> {
             return MeasurementVerdict::Inconsistent;
         }
         if !partial {
-            self.seen_whole_at(q);
+            self.seen_whole_at(q, None);
         }
         let nothing = TwistTask { matrix: Matrix6::zeros(), vector: Vector6::zeros(), error: 0.0 };
         let exposure = measurement.exposure;

@@ -5,7 +5,7 @@ use super::VisualServo;
 use crate::servo::first_motion::FirstMotion;
 use crate::servo::motion_agreement::MotionAgreement;
 use crate::servo::{MeasurementVerdict, ObjectMotion};
-use nalgebra::SVector;
+use nalgebra::{Point3, SVector, Vector3};
 
 /// Most targets of a run. Chosen by hand: each takes the memory of a finder, a few megabytes for a VGA camera, and a cell has a part, a place and a bin.
 pub const MAX_TARGETS: usize = 16;
@@ -17,23 +17,30 @@ const ELSEWHERE: f64 = 0.02;
 /// shadow, and three are 120 ms at 25 Hz, in which the arm brakes anyway.
 pub(super) const MISSES: u32 = 3;
 
+/// The middle of `points`, m.
+pub(super) fn centre(points: &[Point3<f64>]) -> Point3<f64> {
+    let sum: Vector3<f64> = points.iter().map(|p| p.coords).sum();
+    Point3::from(sum / points.len().max(1) as f64)
+}
+
 /// From where a target was seen whole, rad or m.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct SeenWhole<const N: usize> {
-    newest: SVector<f64, N>,
     /// A posture near the newest one, and one at which the arm was before, at least [`ELSEWHERE`] from it: where the newest is at the border of the view,
     /// that lies within.
     near: SVector<f64, N>,
     within: SVector<f64, N>,
+    /// The middle of the target then, in the frame W in which it rests, m; `None` without a pose.
+    place: Option<Point3<f64>>,
 }
 
 impl<const N: usize> SeenWhole<N> {
     fn at(q: SVector<f64, N>) -> Self {
-        Self { newest: q, near: q, within: q }
+        Self { near: q, within: q, place: None }
     }
 
-    fn note(&mut self, q: SVector<f64, N>) {
-        self.newest = q;
+    fn note(&mut self, q: SVector<f64, N>, place: Option<Point3<f64>>) {
+        self.place = place;
         if (q - self.near).amax() > ELSEWHERE {
             (self.within, self.near) = (self.near, q);
         }
@@ -70,17 +77,22 @@ impl<const N: usize> VisualServo<N> {
         self.sought.is_some_and(|misses| misses >= MISSES) && self.posture_seen_whole().is_none()
     }
 
-    /// The posture from which the goal's target was last seen whole, rad or m; of one that is looked for again a posture before that, since the arm may have left
-    /// it by the image's border.
+    /// A posture shortly before the last one from which the goal's target was seen whole, rad or m: at the last one it may have been at the image's border.
     pub(super) fn posture_seen_whole(&self) -> Option<SVector<f64, N>> {
         let seen = self.q_whole.get(self.goal.target() as usize)?.as_ref()?;
-        Some(if self.looks_for_another() { seen.within } else { seen.newest })
+        Some(seen.within)
     }
 
-    /// The goal's target was seen whole from the posture `q`, rad or m.
-    pub(super) fn seen_whole_at(&mut self, q: &SVector<f64, N>) {
-        if let Some(place) = self.q_whole.get_mut(self.goal.target() as usize) {
-            place.get_or_insert_with(|| SeenWhole::at(*q)).note(*q);
+    /// Where the middle of the goal's target was when it was last seen whole, in the frame W in which it rests, m, and a posture from which it was seen, rad or m.
+    pub(crate) fn seen_place(&self) -> Option<(Point3<f64>, SVector<f64, N>)> {
+        let seen = self.q_whole.get(self.goal.target() as usize)?.as_ref()?;
+        Some((seen.place?, seen.within))
+    }
+
+    /// The goal's target was seen whole from the posture `q`, rad or m, its middle at `place` in W, m.
+    pub(super) fn seen_whole_at(&mut self, q: &SVector<f64, N>, place: Option<Point3<f64>>) {
+        if let Some(seen) = self.q_whole.get_mut(self.goal.target() as usize) {
+            seen.get_or_insert_with(|| SeenWhole::at(*q)).note(*q, place);
         }
     }
 }

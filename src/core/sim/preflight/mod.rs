@@ -10,6 +10,7 @@
 //! All of it is geometry: what an object, a hand or the light do later is not known here. The start is as the simulated cell really is,
 //! the goal as it is believed.
 
+mod bound;
 mod law;
 mod named_goals;
 mod path;
@@ -19,6 +20,7 @@ mod stability;
 mod targets;
 mod words;
 
+pub use bound::BoundAhead;
 pub use named_goals::NamedGoalAhead;
 pub use path::GoalPathAhead;
 pub use reach::{CameraPath, Posture, Reach};
@@ -50,6 +52,8 @@ pub struct Preflight {
     pub reach: Reach,
     /// The straight way there; `None` where there is none to look at.
     pub way: Option<CameraPath>,
+    /// How near to the goal the camera will be known to be; `None` of a goal that is no pose.
+    pub bound: Option<BoundAhead>,
     /// The path of a goal that moves; `None` for one at rest, or where nobody asks for its reach.
     pub path: Option<GoalPathAhead>,
     /// Where the depths in the law's matrix come from; `None` for a law without depths.
@@ -162,6 +166,7 @@ impl Preflight {
             goal,
             reach: Reach::Unasked { why: "" },
             way: None,
+            bound: None,
             path: None,
             depth: law::depth(config),
             stability: None,
@@ -183,6 +188,7 @@ impl Preflight {
                 let (reach, found) = question.reach();
                 // What lies on the way of a motion that does not look is not asked.
                 preflight.way = found.filter(|_| !config.looks_and_moves()).map(|_| question.way());
+                preflight.bound = preflight.way.as_ref().and_then(|way| BoundAhead::of(config, robot, way));
                 preflight.path = found
                     .zip(config.servo.path.as_ref())
                     .map(|(q, path)| GoalPathAhead::of(path, &ReachProblem { q_start: q, ..question }));

@@ -75,6 +75,9 @@ pub struct CameraPath {
     /// The camera relative to the object on the way: what it sees.
     #[serde(skip)]
     pub X_CO: Vec<Pose>,
+    /// The joints on the way, rad or m.
+    #[serde(skip)]
+    pub postures: Vec<Vec<f64>>,
 }
 
 /// What is asked: the arm, the camera on it, and the goal.
@@ -164,11 +167,13 @@ impl<const N: usize> ReachProblem<'_, N> {
         let start = search.dexterity(&q);
         let (mut least, mut nearest_at, mut leaves_at) = (start, 0.0, None);
         let mut X_CO = vec![X_WS.inv_mul(&self.X_WO)];
+        let mut postures = vec![q.as_slice().to_vec()];
         for k in 1..=WAY_STEPS {
             let share = f64::from(k) / f64::from(WAY_STEPS);
             let wanted = between(&X_WS, &X_WD, share);
             q = search.towards_within(&q, &wanted, 30);
             X_CO.push(wanted.inv_mul(&self.X_WO));
+            postures.push(q.as_slice().to_vec());
             let dexterity = search.dexterity(&q);
             if dexterity < least {
                 (least, nearest_at) = (dexterity, share);
@@ -191,7 +196,15 @@ impl<const N: usize> ReachProblem<'_, N> {
         }
         let goal = search.dexterity(&q);
         let singular = least < SINGULAR.min(start).min(goal) || least < SINGULAR_SHARE * start.min(goal);
-        CameraPath { dexterity: [start, goal, least], nearest_at, singular, limits, leaves_at, X_CO }
+        CameraPath {
+            dexterity: [start, goal, least],
+            nearest_at,
+            singular,
+            limits,
+            leaves_at,
+            X_CO,
+            postures,
+        }
     }
 
     /// Whether the features are where they should be near `q`.

@@ -22,6 +22,7 @@ pub(super) fn lines(preflight: &Preflight) -> Vec<String> {
     if let Some(way) = &preflight.way {
         lines.push(format!("  way:   {}", straight_way(way)));
     }
+    lines.extend(preflight.bound.iter().map(|bound| format!("  bound: {}", bound.line())));
     lines.extend(preflight.path.iter().map(|path| format!("  path:  {}", path.line())));
     lines.extend(preflight.space.iter().map(|space| format!("  space: {}", space.line())));
     lines.extend(preflight.targets.iter().flat_map(|target| target.lines()));

@@ -1,6 +1,7 @@
 //! Several targets: what was seen of one is never used for another, and each has its own way back and its own known place.
 
 use super::*;
+use nalgebra::Vector2;
 
 /// Nothing that was seen of one target is used for the goal of another, neither before nor after the change.
 #[test]
@@ -21,6 +22,31 @@ fn another_target_is_waited_for() {
     let of_new = Measurement { target_number: 1, ..seen_at(10) };
     assert_eq!(s.add_measurement(MonoNs(50 * MS), &of_new, &robot), MeasurementVerdict::Used);
     assert!(s.law_output(&q_at(50), &Vector4::zeros(), &robot).is_some());
+}
+
+/// The place where the target was last seen goes where it is to be shown, with the arm near the posture from which it was seen, and further where that moves.
+#[test]
+fn the_place_is_shown_where_it_is_wanted() {
+    let robot = scara();
+    let mut s = servo(UpdatePolicy::Predict);
+    moved_to(&mut s, 0..=100);
+    let nowhere = s.look_around(&robot, &q_at(100), (&Vector2::zeros(), &Vector2::zeros()));
+    assert!(nowhere.is_none(), "it was never seen");
+    assert!(s.add_measurement(MonoNs(100 * MS), &seen_at(100), &robot).is_used());
+    let place = Pose::new([1.0, 1.0, 1.1].into(), [0.0, 0.0, 0.7].into()) * Point3::new(0.05, 0.05, 0.0);
+    let mut q = q_at(100);
+    let (mut s_d, rate) = (Vector2::new(0.1, -0.2), Vector2::new(-0.05, 0.02));
+    for k in 0..6000 {
+        let moves = k >= 3000;
+        let rate = if moves { rate } else { Vector2::zeros() };
+        let (qd, off) = s.look_around(&robot, &q, (&s_d, &rate)).unwrap();
+        let p_C = robot.forward(&q).inverse() * place;
+        assert!((off - (s_d - p_C.coords.xy() / p_C.z).norm()).abs() < 1e-9);
+        assert!(k % 3000 < 2500 || off < 3e-3, "{k}: {off}");
+        q += qd * 1e-3;
+        s_d += rate * 1e-3;
+    }
+    assert!((q - q_at(100)).amax() < 0.6, "{q}");
 }
 
 /// An arm that looks for a target again goes back to where it saw that one, once it is known to be out of view.
