@@ -20,6 +20,7 @@ mod sensing;
 mod settings;
 mod space;
 
+use settings::StartCheck;
 pub use settings::{ControlOutput, ControllerSettings, Rest};
 
 use crate::control::behaviour::{ArmModel, Behaviour, MotionCommand, PostureMotion, VelocityMotion};
@@ -33,8 +34,7 @@ use crate::drive::{CommandMode, DriveCommand, DriveState};
 use crate::messages::Measurement;
 use crate::motion::{JointController, Limit, Reference, Workspace};
 use crate::servo::VisualServo;
-use crate::time::TICK;
-use crate::time::{MonoNs, SpanNs};
+use crate::time::{MonoNs, SpanNs, TICK};
 use contact::WayBack;
 use motion::TickMotion;
 use nalgebra::{SVector, Vector6};
@@ -103,15 +103,6 @@ pub struct Controller<const N: usize> {
     /// Longest time from any motion to rest, plus `PATIENCE`.
     longest_braking: SpanNs,
     events: Events,
-}
-
-/// The check of the start posture.
-#[derive(Debug, Clone, Copy)]
-struct StartCheck<const N: usize> {
-    q: SVector<f64, N>,
-    tolerance: f64,
-    elsewhere: bool,
-    is_checked: bool,
 }
 
 impl<const N: usize> Controller<N> {

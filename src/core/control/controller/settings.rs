@@ -113,3 +113,12 @@ pub enum Rest {
     /// The reference is at rest; the state of the arm is unknown.
     Unknown,
 }
+
+/// The check of the start posture.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct StartCheck<const N: usize> {
+    pub(super) q: SVector<f64, N>,
+    pub(super) tolerance: f64,
+    pub(super) elsewhere: bool,
+    pub(super) is_checked: bool,
+}
