@@ -126,4 +126,16 @@ mod tests {
             }
         }
     }
+
+    /// Levels of a simulated camera are proportional to light; who took images says nothing of theirs, also where these are replayed.
+    #[test]
+    fn images_of_unknown_origin_have_an_unknown_response() {
+        let of = |set: &[&str]| {
+            let set: Vec<_> = set.iter().map(ToString::to_string).collect();
+            crate::config::Config::load(None, &set).unwrap().camera.response
+        };
+        let replay = ["camera.source=replay", "camera.replay.folder=.", "drive.kind=none"];
+        assert_eq!((of(&[]), of(&replay)), (Response::Linear, Response::Unknown));
+        assert_eq!(of(&[&replay[..], &["camera.response=linear"]].concat()), Response::Linear);
+    }
 }

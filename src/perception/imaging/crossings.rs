@@ -2,6 +2,7 @@
 
 use super::outlines::Walker;
 use super::{ImageView, LocalThreshold, Outline, Outlines, Run, Runs};
+use std::ops::Range;
 
 /// A place between pixels (column, row), px of the image or window that was looked at.
 pub type WindowPoint = [f32; 2];
@@ -20,11 +21,13 @@ impl Outlines {
         points: &mut Vec<WindowPoint>,
     ) -> bool {
         points.clear();
-        let mut sides = Crossings { image, thresholds, most, points, is_whole: true };
+        points.resize(most, [0.0; 2]);
+        let mut sides = Crossings { image, thresholds, points, count: 0 };
         self.retrace(runs.as_slice(), outline, &mut sides);
-        let is_whole = sides.is_whole;
+        let count = sides.count;
+        points.truncate(count);
         points.reverse();
-        is_whole
+        count <= most
     }
 }
 
@@ -32,40 +35,59 @@ impl Outlines {
 struct Crossings<'a> {
     image: &'a ImageView<'a>,
     thresholds: &'a LocalThreshold,
-    most: usize,
-    points: &'a mut Vec<WindowPoint>,
-    is_whole: bool,
+    points: &'a mut [WindowPoint],
+    /// Of all points, also of those for which there is no room.
+    count: usize,
 }
 
 impl Crossings<'_> {
-    /// The side of pixel (x, y), which is below its threshold, towards its neighbour at `out`, which is not.
+    /// The side of pixel (x, y), which is below its threshold and `dark`, towards its neighbour at `out`, which is not.
     #[inline(always)]
-    fn push(&mut self, x: u32, y: u32, out: [i32; 2]) {
-        if self.points.len() >= self.most {
-            self.is_whole = false;
-            return;
-        }
-        let level = |x: u32, y: u32| {
-            self.image.row(y as usize).get(x as usize).map_or(0.0, |&level| f32::from(level))
-        };
+    fn push(&mut self, x: u32, y: u32, out: [f32; 2], dark: u8, light: u8) {
+        let slot = self.points.get_mut(self.count);
+        self.count += 1;
+        let Some(slot) = slot else { return };
         let threshold = f32::from(self.thresholds.at(x, y)) - 0.5;
-        let (dark, light) =
-            (level(x, y), level(x.wrapping_add_signed(out[0]), y.wrapping_add_signed(out[1])));
+        let (dark, light) = (f32::from(dark), f32::from(light));
         let share = if light > dark { ((threshold - dark) / (light - dark)).clamp(0.0, 1.0) } else { 0.5 };
-        self.points.push([x as f32 + share * out[0] as f32, y as f32 + share * out[1] as f32]);
+        *slot = [x as f32 + share * out[0], y as f32 + share * out[1]];
+    }
+
+    /// The left side of pixel (x, y), or its right one.
+    #[inline(always)]
+    fn beside(&mut self, x: u32, y: u32, right: bool) {
+        let row = self.image.row(y as usize);
+        let level = |x: u32| row.get(x as usize).copied().unwrap_or(0);
+        let (next, out) = if right { (x + 1, [1.0, 0.0]) } else { (x.wrapping_sub(1), [-1.0, 0.0]) };
+        self.push(x, y, out, level(x), level(next));
     }
 
     /// Upper sides of pixels `to..from` of a row, to the left.
     #[inline(always)]
     fn west(&mut self, from: u32, to: u32, y: u32) {
-        (to..from).rev().for_each(|x| self.push(x, y, [0, -1]));
+        let levels = levels(self.image, to..from, y, y.wrapping_sub(1));
+        levels.rev().for_each(|(x, dark, light)| self.push(x, y, [0.0, -1.0], dark, light));
     }
 
     /// Lower sides of pixels `from..to` of a row, to the right.
     #[inline(always)]
     fn east(&mut self, from: u32, to: u32, y: u32) {
-        (from..to).for_each(|x| self.push(x, y, [0, 1]));
+        let levels = levels(self.image, from..to, y, y + 1);
+        levels.for_each(|(x, dark, light)| self.push(x, y, [0.0, 1.0], dark, light));
     }
+}
+
+/// Columns `range`, and their levels in row `y` and in row `next`, which may be none of the image.
+#[inline(always)]
+fn levels<'a>(
+    image: &'a ImageView<'a>,
+    range: Range<u32>,
+    y: u32,
+    next: u32,
+) -> impl DoubleEndedIterator<Item = (u32, u8, u8)> + use<'a> {
+    let (row, other) = (image.row(y as usize), image.row(next as usize));
+    let level = |row: &[u8], x: u32| row.get(x as usize).copied().unwrap_or(0);
+    range.map(move |x| (x, level(row, x), level(other, x)))
 }
 
 impl Walker for Crossings<'_> {
@@ -74,11 +96,7 @@ impl Walker for Crossings<'_> {
     #[inline(always)]
     fn step(&mut self, from_right: bool, from: &Run, to_right: bool, to: &Run) {
         let (a, b) = (from.x0, from.x1);
-        if from_right {
-            self.push(b - 1, from.y, [1, 0]);
-        } else {
-            self.push(a, from.y, [-1, 0]);
-        }
+        self.beside(if from_right { b - 1 } else { a }, from.y, from_right);
         match (from_right, to_right) {
             // down: along the top of the run below, or along the own bottom
             (false, false) if to.x0 < a => self.west(a, to.x0, to.y),

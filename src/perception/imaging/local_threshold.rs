@@ -167,7 +167,11 @@ impl LocalThreshold {
     /// The threshold of a pixel.
     #[inline]
     pub(super) fn at(&self, x: u32, y: u32) -> u8 {
-        let (column, row) = (x as usize / self.tile, y as usize / self.tile);
+        // by constants, since divisions by others take long
+        let [column, row] = match self.tile {
+            Self::FINE_TILE => [x, y].map(|p| p as usize / Self::FINE_TILE),
+            _ => [x, y].map(|p| p as usize / Self::TILE),
+        };
         self.tiles.get(row * self.columns + column).copied().unwrap_or(0)
     }
 

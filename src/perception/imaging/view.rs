@@ -110,6 +110,24 @@ impl<'a> ImageView<'a> {
         Some([row(0)?, row(1)?, row(2)?])
     }
 
+    /// The two by two pixels whose first is at column `x` and row `y`, by rows; `None` where they reach beyond the image.
+    #[must_use]
+    #[inline]
+    pub fn four(&self, x: usize, y: usize) -> Option<[[u8; 2]; 2]> {
+        if x + 2 > self.width || y + 2 > self.height {
+            return None;
+        }
+        let part = self.pixels.get(y * self.stride + x..)?;
+        Some([*part.first_chunk()?, *part.get(self.stride..)?.first_chunk()?])
+    }
+
+    /// Pixels of column `x` from row `y` on; none outside the image.
+    #[inline]
+    pub fn column_from(&self, x: usize, y: usize) -> impl Iterator<Item = u8> + use<'a> {
+        let from = if x < self.width && y < self.height { y * self.stride + x } else { self.pixels.len() };
+        self.pixels.get(from..).unwrap_or(&[]).iter().step_by(self.stride).copied()
+    }
+
     /// Row `y`; empty when `y` is outside the image.
     #[must_use]
     pub fn row(&self, y: usize) -> &'a [u8] {
@@ -144,6 +162,10 @@ mod tests {
         assert_eq!(ImageView::new(&bytes, 7, 5).unwrap().pieces().collect::<Vec<_>>(), [&bytes[..]]);
         assert_eq!(image.square(2, 1), Some([&[9, 10, 11], &[16, 17, 18], &[23, 24, 25]]));
         assert!(image.square(2, 2).is_some() && image.square(3, 2).is_none() && image.square(2, 3).is_none());
+        assert_eq!(image.four(3, 1), Some([[10, 11], [17, 18]]));
+        assert!(image.four(4, 1).is_none() && image.four(3, 4).is_none());
+        assert_eq!(image.column_from(4, 2).collect::<Vec<_>>(), [18, 25, 32]);
+        assert_eq!(image.column_from(5, 2).count() + image.column_from(4, 5).count(), 0);
         let part = image.part(&Window { x0: 1, y0: 1, x1: 4, y1: 3 }).unwrap();
         assert_eq!((part.width(), part.height()), (3, 2));
         assert_eq!((part.row(0), part.row(1)), (&[8, 9, 10][..], &[15, 16, 17][..]));

@@ -4,6 +4,7 @@
 mod cubic;
 pub mod damping;
 mod eight;
+mod eight_words;
 mod lanes;
 mod ldlt;
 mod normal;
@@ -14,6 +15,7 @@ mod symmetric_eigen;
 
 pub(crate) use cubic::cubic_roots;
 pub(crate) use eight::Eight;
+pub(crate) use eight_words::EightWords;
 #[cfg(test)]
 pub(crate) use lanes::Portable;
 pub(crate) use lanes::{F2, Lanes, Number};

@@ -87,8 +87,9 @@ fn camera(
     let seed = raw.run.seed ^ u64::from(id.0).wrapping_mul(0x9E37_79B9_7F4A_7C15);
     let source = frame_source::source(c, look, seed, at, check);
     let text = match (c.response.as_str(), c.source) {
-        ("auto", frame_source::SourceKind::V4l2 | frame_source::SourceKind::External) => "unknown",
-        ("auto", _) => "linear",
+        ("auto", kind) if kind.is_simulated() => "linear",
+        // a real camera, or images that one took
+        ("auto", _) => "unknown",
         (text, _) => text,
     };
     if !c.source.is_simulated() && c.source.closes_the_loop() {

@@ -2,8 +2,9 @@
 
 use crate::imaging::ImageView;
 use crate::imaging::corners::{RING, RING_RADIUS_PX};
+use crate::imaging::simd::kernel;
+use crate::linalg::EightWords;
 use nalgebra::Vector2;
-use std::array::from_fn;
 
 /// Least ring response of a corner that follows, in that of the last one. Chosen by hand: see [`follows`].
 pub(super) const FOLLOWS: f32 = 0.5;
@@ -16,6 +17,9 @@ const MAX_PX: f64 = 64.0;
 
 /// Pixels of a row of which the response is computed at once: so many, because a register of 128 bits, which every x86-64 and aarch64 has, holds their sums.
 const LANES: usize = 8;
+/// Rows that a ring touches, and columns of so many pixels' rings, which follow.
+const ROWS: usize = 2 * RING_RADIUS_PX + 1;
+const SPAN: usize = LANES + 2 * RING_RADIUS_PX;
 
 /// The strongest ring response above `least` within `radius` px of a point.
 pub(super) fn strongest(
@@ -45,8 +49,13 @@ pub(super) fn strength(image: &ImageView<'_>, about: Vector2<f64>, radius: f64) 
     maximum(image, about, radius, f32::NEG_INFINITY).map(|(response, _)| response)
 }
 
-/// The first of the strongest ring responses above `least` within `radius` px of a point, row by row, and its pixel.
-fn maximum(
+kernel!(
+    /// The first of the strongest ring responses above `least` within `radius` px of a point, row by row, and its pixel.
+    fn maximum(image: &ImageView<'_>, about: Vector2<f64>, radius: f64, least: f32) -> Option<(f32, Vector2<f64>)> = maximum_body
+);
+
+#[inline(always)]
+fn maximum_body(
     image: &ImageView<'_>,
     about: Vector2<f64>,
     radius: f64,
@@ -59,84 +68,95 @@ fn maximum(
     let radius = radius.min(MAX_PX);
     // the ring of a pixel must lie in the image
     let rim = RING_RADIUS_PX as i64;
-    let last = |size: usize| size as i64 - 1 - rim;
-    let last_x = last(image.width());
-    let range = |middle: f64, half: f64, last: i64| {
-        ((middle - half).ceil() as i64).max(rim)..=((middle + half).floor() as i64).min(last)
-    };
+    let (last_x, last_y) = (image.width() as i64 - 1 - rim, image.height() as i64 - 1 - rim);
     // a response is more than `least` if its whole eighths are more than those below `8 least`
-    let mut best = ((8.0 * least).floor() as i16, None);
-    for y in range(about.y, radius, last(image.height())) {
-        let half = (radius.powi(2) - (y as f64 - about.y).powi(2)).max(0.0).sqrt();
-        let columns = range(about.x, half, last_x);
-        let mut rows = [&[][..]; 2 * RING_RADIUS_PX + 1];
-        rows.iter_mut().zip(y as usize - RING_RADIUS_PX..).for_each(|(row, y)| *row = image.row(y));
-        let mut take = |x: i64, eighths: &[i16]| {
-            if eighths.iter().all(|eighths| *eighths <= best.0) {
-                return;
+    let (mut best, mut place) = ((8.0 * least).floor() as i16, None);
+    for y in range(about.y, radius, rim, last_y) {
+        let half = (radius * radius - (y as f64 - about.y).powi(2)).max(0.0).sqrt();
+        let columns = range(about.x, half, rim, last_x);
+        let (mut x, end) = (*columns.start(), *columns.end());
+        while x <= end {
+            // the last ones of a row begin so that they end with it
+            let from = x.min(last_x + 1 - LANES as i64).max(rim);
+            let (left, top) = (from as usize - RING_RADIUS_PX, y as usize - RING_RADIUS_PX);
+            let eighths = match around(image, left, top) {
+                Some(pixels) => eighths(&pixels),
+                None => eighths(&padded(image, left, top).each_ref()),
+            };
+            x = from + LANES as i64;
+            if !eighths.any_above(best) {
+                continue;
             }
-            for (x, eighths) in (x..).zip(eighths) {
-                if *eighths > best.0 && columns.contains(&x) {
-                    best = (*eighths, Some(Vector2::new(x as f64, y as f64)));
+            for (x, eighths) in (from..).zip(eighths.to_array()) {
+                if eighths > best && columns.contains(&x) {
+                    (best, place) = (eighths, Some(Vector2::new(x as f64, y as f64)));
                 }
             }
-        };
-        if last_x + 1 - rim < LANES as i64 {
-            columns.clone().for_each(|x| take(x, &eighths::<1>(&rows, x as usize).unwrap_or([i16::MIN])));
-            continue;
-        }
-        for x in columns.clone().step_by(LANES) {
-            // the last ones of a row begin so that they end with it
-            let x = x.min(last_x + 1 - LANES as i64);
-            take(x, &eighths::<LANES>(&rows, x as usize)?);
         }
     }
-    best.1.map(|px| (f32::from(best.0) / 8.0, px))
+    place.map(|px| (f32::from(best) / 8.0, px))
 }
 
-/// Of each number and its counterpart.
+/// Whole numbers about a middle, but none outside of `first..=last`.
 #[inline(always)]
-#[allow(clippy::indexing_slicing)] // 0..COUNT of so many
-fn both<const COUNT: usize>(
-    a: &[i16; COUNT],
-    b: &[i16; COUNT],
-    of: impl Fn(i16, i16) -> i16,
-) -> [i16; COUNT] {
-    from_fn(|i| of(a[i], b[i]))
+fn range(middle: f64, half: f64, first: i64, last: i64) -> std::ops::RangeInclusive<i64> {
+    ((middle - half).ceil() as i64).max(first)..=((middle + half).floor() as i64).min(last)
 }
 
-/// Ring response of the pixels from `x` on in the middle one of the rows, in eighths of grey levels, which are whole numbers: see
-/// [`crate::imaging::corners::RingResponse`]. `None` where not all of their rings lie in the rows. Written so that compilers make vectors of it.
+/// The pixels from column `x` and row `y` on that eight rings touch; `None` where the image is too narrow for eight.
 #[inline(always)]
-#[allow(clippy::indexing_slicing)] // as above, and eight opposite pairs of sixteen
-fn eighths<const COUNT: usize>(rows: &[&[u8]; 2 * RING_RADIUS_PX + 1], x: usize) -> Option<[i16; COUNT]> {
-    let levels = |[dx, dy]: [i8; 2]| -> Option<[i16; COUNT]> {
-        let row = rows.get(RING_RADIUS_PX.checked_add_signed(isize::from(dy))?)?;
-        let levels = row.get(x.checked_add_signed(isize::from(dx))?..)?.first_chunk::<COUNT>()?;
-        Some(from_fn(|i| i16::from(levels[i])))
-    };
-    let (plus, apart) = (|a: i16, b: i16| a + b, |a: i16, b: i16| (a - b).abs());
-    let zero = [0; COUNT];
+fn around<'a>(image: &ImageView<'a>, x: usize, y: usize) -> Option<[&'a [u8; SPAN]; ROWS]> {
+    let mut rows = [&[0; SPAN]; ROWS];
+    for (row, y) in rows.iter_mut().zip(y..) {
+        *row = image.row(y).get(x..)?.first_chunk()?;
+    }
+    Some(rows)
+}
+
+/// The same with 0 beyond the image.
+#[cold]
+fn padded(image: &ImageView<'_>, x: usize, y: usize) -> [[u8; SPAN]; ROWS] {
+    let mut rows = [[0; SPAN]; ROWS];
+    for (row, y) in rows.iter_mut().zip(y..) {
+        let levels = image.row(y).get(x..).unwrap_or(&[]);
+        row.iter_mut().zip(levels).for_each(|(pixel, level)| *pixel = *level);
+    }
+    rows
+}
+
+/// Levels of eight pixels, so far from those whose rings are [`around`].
+#[inline(always)]
+#[allow(clippy::indexing_slicing)] // the ring's radius and less, each way
+fn levels(pixels: &[&[u8; SPAN]; ROWS], [dx, dy]: [i8; 2]) -> EightWords {
+    let middle = RING_RADIUS_PX as i8;
+    let row = &pixels[(middle + dy) as usize][(middle + dx) as usize..];
+    EightWords::from_bytes(row.first_chunk().copied().unwrap_or_default())
+}
+
+/// Ring response of eight pixels, in eighths of grey levels, which are whole numbers: see [`crate::imaging::corners::RingResponse`].
+#[inline(always)]
+#[allow(clippy::indexing_slicing)] // eight opposite pairs of sixteen
+fn eighths(pixels: &[&[u8; SPAN]; ROWS]) -> EightWords {
     // sums of opposite pixels, of their differences, and of the whole ring
-    let mut a = [zero; 8];
-    let (mut edge, mut ring) = (zero, zero);
+    let mut a = [EightWords::ZERO; 8];
+    let (mut edge, mut ring) = (EightWords::ZERO, EightWords::ZERO);
     for k in 0..8 {
-        let (p, q) = (levels(RING[k])?, levels(RING[k + 8])?);
-        a[k] = both(&p, &q, plus);
-        edge = both(&edge, &both(&p, &q, apart), plus);
-        ring = both(&ring, &a[k], plus);
+        let (p, q) = (levels(pixels, RING[k]), levels(pixels, RING[k + 8]));
+        a[k] = p + q;
+        edge = edge + (p - q).abs();
+        ring = ring + a[k];
     }
-    let mut crossing = zero;
+    let mut crossing = EightWords::ZERO;
     for k in 0..4 {
-        crossing = both(&crossing, &both(&a[k], &a[k + 4], apart), plus);
+        crossing = crossing + (a[k] - a[k + 4]).abs();
     }
-    let mut middle = zero;
+    let mut middle = EightWords::ZERO;
     for side in [[-1, 0], [1, 0], [0, -1], [0, 1]] {
-        middle = both(&middle, &levels(side)?, plus);
+        middle = middle + levels(pixels, side);
     }
     // the means are a sixteenth and a quarter of these
-    let stripe = both(&ring, &middle, |ring, middle| (ring - 4 * middle).abs());
-    Some(both(&both(&crossing, &edge, |a, b| a - b), &stripe, |a, b| a - b))
+    let (twice, again) = (middle + middle, middle + middle);
+    crossing - edge - (ring - (twice + again)).abs()
 }
 
 #[cfg(test)]

@@ -80,19 +80,38 @@ impl LightPlane {
 /// Bilinearly interpolated grey level at a point (px); beyond the image that of its edge.
 #[inline]
 pub(super) fn level_at(image: &ImageView<'_>, at: Vector2<f64>) -> f64 {
-    let (x, y) = (at.x.clamp(0.0, image.width() as f64 - 1.0), at.y.clamp(0.0, image.height() as f64 - 1.0));
     // coordinates of frames fit into 32 bits, to which less is converted
-    let (x0, y0) = (x as u32, y as u32);
-    let (fx, fy) = (x - f64::from(x0), y - f64::from(y0));
-    let (x0, y0) = (x0 as usize, y0 as usize);
-    let part = |row: &[u8]| {
-        let a = f64::from(row.get(x0).copied().unwrap_or(0));
-        let b = row.get(x0 + 1).map_or(a, |&b| f64::from(b));
-        a + fx * (b - a)
-    };
-    let above = part(image.row(y0));
-    let below = if y0 + 1 < image.height() { part(image.row(y0 + 1)) } else { above };
+    let (x0, y0) = (at.x as u32, at.y as u32);
+    let (fx, fy) = (at.x - f64::from(x0), at.y - f64::from(y0));
+    if fx >= 0.0
+        && fy >= 0.0
+        && let Some(four) = image.four(x0 as usize, y0 as usize)
+    {
+        return between(four, fx, fy);
+    }
+    level_at_edge(image, at)
+}
+
+/// Bilinear interpolation, a share of a pixel to the right and down.
+#[inline(always)]
+fn between([[a, b], [c, d]]: [[u8; 2]; 2], fx: f64, fy: f64) -> f64 {
+    let part = |a: u8, b: u8| f64::from(a) + fx * f64::from(i16::from(b) - i16::from(a));
+    let (above, below) = (part(a, b), part(c, d));
     above + fy * (below - above)
+}
+
+/// The same at the image's edge and beyond it.
+#[cold]
+fn level_at_edge(image: &ImageView<'_>, at: Vector2<f64>) -> f64 {
+    let inside = |p: f64, size: usize| p.clamp(0.0, size as f64 - 1.0);
+    let (x, y) = (inside(at.x, image.width()), inside(at.y, image.height()));
+    let (x0, y0) = (x as usize, y as usize);
+    let level = |x: usize, y: usize| {
+        let row = image.row(y.min(image.height() - 1));
+        row.get(x.min(image.width() - 1)).copied().unwrap_or(0)
+    };
+    let four = [[level(x0, y0), level(x0 + 1, y0)], [level(x0, y0 + 1), level(x0 + 1, y0 + 1)]];
+    between(four, x - x0 as f64, y - y0 as f64)
 }
 
 /// Decodes the tag whose black border has the corners `quad`, px, correcting at most `max_wrong` bits.

@@ -274,9 +274,9 @@ impl GrowthScan<'_> {
             let (a, b) = (map.at(from + shift), map.at(to + shift));
             let way = b - a;
             let mut sum = 0.0;
+            let (first, step) = (a + way * (0.5 - half + half / steps), way * (2.0 * half / steps));
             for k in 0..steps as u32 {
-                let share = 0.5 - half + 2.0 * half * (f64::from(k) + 0.5) / steps;
-                sum += level_at(self.image, a + way * share);
+                sum += level_at(self.image, first + step * f64::from(k));
             }
             bright += (sum / steps - ink) / (paper - ink);
             // where the grid's line crosses the way

@@ -5,8 +5,6 @@ use crate::imaging::ImageView;
 /// Pixels that are summed beforehand, from the middle on either side. Derived: windows reach 8 px (`MAX_HALF_PX` of the edges), those of the levels 2.5 px
 /// further, on a diagonal 1.4 times as much, and a pixel is cut at either end.
 const REACH: usize = 17;
-/// So far from the middle all is summed beforehand, px, which follows: a pixel is cut at either end.
-pub(super) const SUMMED_PX: f64 = REACH as f64 - 1.0;
 /// Sums that are kept, which follows: of none, and of each pixel more.
 const COUNT: usize = 2 * REACH + 2;
 
@@ -22,39 +20,47 @@ pub(super) struct LevelSums<'a> {
 }
 
 impl<'a> LevelSums<'a> {
-    /// The sums of line number `line.0`, a row where `line.1`, so far about a middle, px.
-    pub(super) fn new(image: &'a ImageView<'a>, line: (usize, bool), (middle, reach): (f64, f64)) -> Self {
+    /// Of no line yet.
+    pub(super) fn new(image: &'a ImageView<'a>) -> Self {
+        Self { image, line: (0, true), from: 0, sums: [0; COUNT], count: 0 }
+    }
+
+    /// Takes the sums of line number `line.0`, a row where `line.1`, from one place to another, px.
+    #[inline]
+    pub(super) fn take(&mut self, line: (usize, bool), (low, high): (f64, f64)) {
         let (number, is_row) = line;
-        let size = if is_row { image.width() } else { image.height() };
-        let from = ((middle - reach + 0.5) as usize).min(size);
-        let until = ((middle + reach + 0.5) as usize + 1).min(size).clamp(from, from + COUNT - 1);
-        let mut sums = [0; COUNT];
+        let size = if is_row { self.image.width() } else { self.image.height() };
+        // frames fit into 32 bits, to which less is converted
+        let from = ((low + 0.5) as u32 as usize).min(size);
+        let until = ((high + 0.5) as u32 as usize + 1).min(size).min(from + COUNT - 1).max(from);
+        (self.line, self.from, self.count) = (line, from, until - from);
         let mut sum = 0;
-        let mut note = |slot: &mut u32, level: u8| {
+        let mut note = |(slot, level): (&mut u32, u8)| {
             sum += u32::from(level);
             *slot = sum;
         };
-        let slots = sums.iter_mut().skip(1);
+        let slots = self.sums.iter_mut().skip(1);
         if is_row {
-            let levels = image.row(number).get(from..until).unwrap_or(&[]);
-            slots.zip(levels).for_each(|(slot, level)| note(slot, *level));
+            let levels = self.image.row(number).get(from..until).unwrap_or(&[]);
+            slots.zip(levels.iter().copied()).for_each(&mut note);
         } else {
-            let levels = (from..until).map(|y| image.row(y).get(number).copied().unwrap_or(0));
-            slots.zip(levels).for_each(|(slot, level)| note(slot, level));
+            slots.zip(self.image.column_from(number, from).take(until - from)).for_each(&mut note);
         }
-        Self { image, line, from, sums, count: until - from }
     }
 
     /// The integral of the levels from where the sums begin to `x`, which lies within the line, level px; only differences count.
     #[inline]
     pub(super) fn up_to(&self, x: f64) -> f64 {
         let pixels = x + 0.5 - self.from as f64;
-        let whole = pixels as u32;
-        match self.sums.get(whole as usize..whole as usize + 2) {
-            Some(&[before, with]) if pixels >= 0.0 && (whole as usize) < self.count => {
-                f64::from(before) + (pixels - f64::from(whole)) * f64::from(with - before)
-            }
-            _ => self.added(x),
+        let whole = pixels as u32 as usize;
+        let part = pixels - whole as f64;
+        if part >= 0.0
+            && whole < self.count
+            && let Some(&[before, with]) = self.sums.get(whole..).and_then(|sums| sums.first_chunk())
+        {
+            f64::from(before) + part * f64::from(with - before)
+        } else {
+            self.added(x)
         }
     }
 
@@ -98,7 +104,10 @@ mod tests {
             let level = |k: usize| f64::from(if is_row { image.row(7)[k] } else { image.row(k)[7] });
             let share = |k: f64| ((k + 0.5).min(x1) - (k - 0.5).max(x0)).max(0.0);
             let expected: f64 = (0..60).map(|k| share(k as f64) * level(k)).sum();
-            let sums = LevelSums::new(&image, (7, is_row), (middle, reach));
+            let mut sums = LevelSums::new(&image);
+            // of another line before
+            sums.take((9, !is_row), (middle - reach, middle + reach));
+            sums.take((7, is_row), (middle - reach, middle + reach));
             prop_assert!((sums.up_to(x1) - sums.up_to(x0) - expected).abs() < 1e-9);
         }
     }

@@ -2,7 +2,9 @@
 //! the corners are the intersections of these lines. Pixels of the window.
 
 use crate::imaging::WindowPoint;
+use crate::imaging::simd::kernel;
 use nalgebra::Vector2;
+use std::array::from_fn;
 
 /// Shortest side, px. Chosen by hand: one pixel for each cell of the smallest family, below which no cell can be read; half costs time for regions
 /// that are no tags, the double loses tilted tags.
@@ -77,10 +79,49 @@ fn place(points: &[WindowPoint], i: usize) -> Vector2<f64> {
     points.get(i).map_or_else(Vector2::zeros, |p| Vector2::new(f64::from(p[0]), f64::from(p[1])))
 }
 
-/// Index of the point with the greatest `measure`, and that measure.
+kernel!(
+    /// Index of the first of the points that are farthest from `from`, and its squared distance.
+    fn farthest_from(points: &[WindowPoint], from: WindowPoint) -> (usize, f32) = farthest_from_body
+);
+
+#[inline(always)]
+fn farthest_from_body(points: &[WindowPoint], [x0, y0]: WindowPoint) -> (usize, f32) {
+    farthest(points, |x, y| (x - x0) * (x - x0) + (y - y0) * (y - y0))
+}
+
+kernel!(
+    /// Index of the first of the points that are farthest to the right of the line from `p` to `q`, and its distance times the line's length.
+    fn farthest_right(points: &[WindowPoint], p: WindowPoint, q: WindowPoint) -> (usize, f32) = farthest_right_body
+);
+
+#[inline(always)]
+fn farthest_right_body(points: &[WindowPoint], p: WindowPoint, q: WindowPoint) -> (usize, f32) {
+    let (dx, dy) = (q[0] - p[0], q[1] - p[1]);
+    farthest(points, |x, y| dx * (y - p[1]) - dy * (x - p[0]))
+}
+
+/// Index of the first of the points with the greatest `measure`, and that measure.
+#[inline(always)]
+#[allow(clippy::indexing_slicing)] // 0..8 of eight
 fn farthest(points: &[WindowPoint], measure: impl Fn(f32, f32) -> f32) -> (usize, f32) {
+    // of each eighth point
+    let (mut most, mut at) = ([f32::MIN; 8], [0u32; 8]);
+    let (eights, rest) = points.as_chunks::<8>();
+    for (k, eight) in (0u32..).zip(eights) {
+        let value: [f32; 8] = from_fn(|i| measure(eight[i][0], eight[i][1]));
+        for i in 0..8 {
+            at[i] = if value[i] > most[i] { k } else { at[i] };
+            most[i] = if value[i] > most[i] { value[i] } else { most[i] };
+        }
+    }
     let mut best = (0, f32::MIN);
-    for (i, p) in points.iter().enumerate() {
+    for (i, (&most, &k)) in most.iter().zip(&at).enumerate() {
+        let index = 8 * k as usize + i;
+        if most > best.1 || (most == best.1 && index < best.0) {
+            best = (index, most);
+        }
+    }
+    for (i, p) in (points.len() - rest.len()..).zip(rest) {
         let value = measure(p[0], p[1]);
         if value > best.1 {
             best = (i, value);
@@ -97,18 +138,13 @@ fn corners(points: &[WindowPoint]) -> Option<[usize; 4]> {
     }
     let count = points.len() as f32;
     let sum = points.iter().fold([0.0f32; 2], |s, p| [s[0] + p[0], s[1] + p[1]]);
-    let from = |c: [f32; 2]| move |x: f32, y: f32| (x - c[0]).powi(2) + (y - c[1]).powi(2);
     let point = |i: usize| points.get(i).copied().unwrap_or_default();
-    let (a, _) = farthest(points, from([sum[0] / count, sum[1] / count]));
-    let (b, _) = farthest(points, from(point(a)));
-    // distances from the line through two points, to its right, times its length
-    let right_of = |i: usize, j: usize| {
-        let (p, q) = (point(i), point(j));
-        let (dx, dy) = (q[0] - p[0], q[1] - p[1]);
-        move |x: f32, y: f32| dx * (y - p[1]) - dy * (x - p[0])
-    };
-    let (c, to_c) = farthest(points, right_of(a, b));
-    let (d, to_d) = farthest(points, right_of(b, a));
+    let (a, _) = farthest_from(points, [sum[0] / count, sum[1] / count]);
+    let (b, _) = farthest_from(points, point(a));
+    // from the line through two points, to its right
+    let right_of = |i: usize, j: usize| farthest_right(points, point(i), point(j));
+    let (c, to_c) = right_of(a, b);
+    let (d, to_d) = right_of(b, a);
     // the outline goes clockwise: its order is the order of indices. Where nearly nothing lies on one side of `a b` it is a side, else a diagonal; the
     // share is chosen by hand: half takes rough sides for diagonals, the double diagonals of tags in steep perspective for sides.
     let mut quad = if to_c.min(to_d) > 0.08 * to_c.max(to_d) {
@@ -117,7 +153,7 @@ fn corners(points: &[WindowPoint]) -> Option<[usize; 4]> {
         // `a b` is a side: the fourth corner is farthest from the triangle's other sides
         let e = if to_c > to_d { c } else { d };
         let sides = if to_c > to_d { [(b, e), (e, a)] } else { [(a, e), (e, b)] };
-        let [(one, off_one), (two, off_two)] = sides.map(|(i, j)| farthest(points, right_of(j, i)));
+        let [(one, off_one), (two, off_two)] = sides.map(|(i, j)| right_of(j, i));
         let norm = |(i, j): (usize, usize)| (point(i)[0] - point(j)[0]).hypot(point(i)[1] - point(j)[1]);
         let far = if off_one * norm(sides[1]) > off_two * norm(sides[0]) { one } else { two };
         [a, b, e, far]
@@ -128,7 +164,7 @@ fn corners(points: &[WindowPoint]) -> Option<[usize; 4]> {
         for i in 0..4 {
             let (last, next) = (*quad.get((i + 3) % 4)?, *quad.get((i + 1) % 4)?);
             // the corner lies left of the line from the next corner to the previous one
-            let (best, off) = farthest(points, right_of(next, last));
+            let (best, off) = right_of(next, last);
             if off > 0.0
                 && let Some(corner) = quad.get_mut(i)
             {
@@ -199,6 +235,10 @@ fn side(points: &[WindowPoint], from: usize, to: usize) -> Option<NormalFormLine
         // Chosen by hand: with strays still among the points; half refuses sides with a bump, the double only costs time.
         if round == 0 && rms > 3.0 * (OFF_PX + OFF_SHARE * length) {
             return None;
+        }
+        // without outliers the later rounds would compute the same line
+        if round == 0 && used().all(|p| (line.normal.dot(&p) - line.offset).abs() <= most) {
+            return (rms <= OFF_PX + OFF_SHARE * length).then_some(line);
         }
     }
     Some(line)

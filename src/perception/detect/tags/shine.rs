@@ -20,12 +20,12 @@ pub(super) struct Inside {
 impl Inside {
     /// Share of white in both rows at the position `t` (0 to 1) along the side, smoothed over `soft` (share of the side) each way.
     pub(super) fn at(&self, t: f64, soft: f64) -> [f64; 2] {
+        let last = self.cells.saturating_sub(1);
+        let places =
+            [t, t - soft, t + soft].map(|t| ((t * self.cells as f64).max(0.0) as u32 as usize).min(last));
         self.white.map(|row| {
-            let cell = |t: f64| {
-                let k = (t * self.cells as f64).max(0.0) as usize;
-                row.get(k.min(self.cells.saturating_sub(1))).copied().unwrap_or(0.0)
-            };
-            0.5 * cell(t) + 0.25 * (cell(t - soft) + cell(t + soft))
+            let [here, before, behind] = places.map(|k| row.get(k).copied().unwrap_or(0.0));
+            0.5 * here + 0.25 * (before + behind)
         })
     }
 }
@@ -89,7 +89,8 @@ impl Shine {
 
 /// The blur along the row, px, for which the pixels on both sides of an edge differ by `share` of its contrast, by bisection from 0.1 to 6 px.
 pub(super) fn blur_of(share: f64) -> f64 {
-    let shown = |s: f64| 2.0 * s * (ramp(1.0 / s) - ramp(0.0)) - 1.0;
+    let of_zero = ramp(0.0);
+    let shown = |s: f64| 2.0 * s * (ramp(1.0 / s) - of_zero) - 1.0;
     let (mut low, mut high) = (0.1, 6.0);
     for _ in 0..12 {
         let middle = 0.5 * (low + high);

@@ -4,7 +4,7 @@
 //! [`SideScan::fit`] subtracts the contribution of other cells ([`Shine`]), turns the sums into positions and fits the line. The caller moves the
 //! window onto the line and repeats.
 
-use super::level_sums::{LevelSums, SUMMED_PX};
+use super::level_sums::LevelSums;
 use super::quad::NormalFormLine;
 use super::shine::{Inside, Shine, Windows, blur_of};
 use crate::imaging::ImageView;
@@ -84,13 +84,13 @@ pub(super) struct SideRow {
     sum: f64,
     light: f64,
     dark: f64,
-    /// Difference of the levels at the window's ends, light - dark.
+    /// Difference of the levels at the window's ends, light - dark, where the cells inside are not known.
     ends: f64,
-    /// Difference of the pixels beside the edge, light - dark.
+    /// Difference of the pixels beside the edge, light - dark, where they are known.
     near: f64,
-    /// Level beyond the margin.
+    /// Level beyond the margin, once it was looked at.
     beyond: f64,
-    /// Share of white in the cell inside the border, and in the next one.
+    /// Share of white in the cell inside the border, and in the next one, once they were looked at.
     white: [f64; 2],
     used: bool,
     /// How far the side lies from the window's middle along the row, px, once it is fitted.
@@ -191,16 +191,13 @@ impl SideScan<'_> {
         // the windows along the row
         let (half, near, far) = (self.half * per, near * per, far * per);
         let per_level = 1.0 / (far - near);
-        // behind the margin, which is one cell wide, and not as far as a next tag may be; chosen by hand
-        let out = (1.3 * self.cell * per, (1.3 * self.cell + 1.5) * per);
-        // wide cells have it beyond what is summed beforehand
-        let shown = if self.inside.is_some() && out.1 < SUMMED_PX { out.1 } else { 0.0 };
         // beyond the neighbouring sides it is white, which blur carries into the window. 1.5 px keep the window's own pixels clear where there is no blur; 0.3 of the
         // side at most, so that 40 % of it is left (chosen by hand: half lets more blur in, the double would leave no row)
         let clear = (self.half + 0.5).max(CLEAR_BLURS * self.blur).clamp(1.5, (0.3 * self.length).max(1.5));
         let reach = far;
         let limit = if along_y { self.image.width() } else { self.image.height() } as f64 - 1.0;
         let (from, to) = (from as usize, to as usize);
+        let mut sums = LevelSums::new(self.image);
         for k in (from..=to).step_by((to - from) / most.max(1) + 1) {
             let s = k as f64;
             let c = (self.line.offset - other * s) / across;
@@ -215,36 +212,54 @@ impl SideScan<'_> {
             if !inside {
                 continue;
             }
-            let sums = LevelSums::new(self.image, (k, along_y), (c, reach.max(half + 0.5).max(shown)));
+            let reach = far.max(half + 0.5);
+            sums.take((k, along_y), (c - reach, c + reach));
             // levels outward from the line, up to `u`; their mean from one to the other
             let up_to = |u: f64| sign * sums.up_to(c + sign * u);
             let light = (up_to(far) - up_to(near)) * per_level;
             let dark = (up_to(-near) - up_to(-far)) * per_level;
-            let (at_light, at_dark) =
-                (up_to(half + 0.5) - up_to(half - 0.5), up_to(-half + 0.5) - up_to(-half - 0.5));
-            let beside = up_to(1.0) - 2.0 * up_to(0.0) + up_to(-1.0);
-            let (mut white, mut beyond) = ([0.0; 2], light);
-            if let Some(inside) = self.inside {
-                let p = if along_y { Vector2::new(c, s) } else { Vector2::new(s, c) };
-                white = inside.at((p - a).norm() / self.length, 0.7 / self.length);
-                if c - out.1 > 0.5 && c + out.1 < limit - 0.5 {
-                    beyond = (up_to(out.1) - up_to(out.0)) / (out.1 - out.0);
-                }
+            let (mut ends, mut beside) = (0.0, 0.0);
+            if self.inside.is_some() {
+                beside = up_to(1.0) - 2.0 * up_to(0.0) + up_to(-1.0);
+            } else {
+                ends = (up_to(half + 0.5) - up_to(half - 0.5)) - (up_to(-half + 0.5) - up_to(-half - 0.5));
             }
             rows.push(SideRow {
                 s,
                 sum: up_to(half) - up_to(-half),
                 light,
                 dark,
-                ends: at_light - at_dark,
+                ends,
                 near: beside,
-                beyond,
-                white,
+                beyond: light,
+                white: [0.0; 2],
                 used: light > dark,
                 delta: 0.0,
             });
         }
         along_y
+    }
+
+    /// Reads what blur may carry into the windows of the rows: the cells inside, and the level beyond the margin.
+    fn look_around(&self, along_y: bool, rows: &mut [SideRow]) {
+        let Some(inside) = self.inside else { return };
+        let normal = self.line.normal;
+        let (across, other) = if along_y { (normal.x, normal.y) } else { (normal.y, normal.x) };
+        let (per, sign) = (1.0 / across.abs(), across.signum());
+        // behind the margin, which is one cell wide, and not as far as a next tag may be; chosen by hand
+        let out = (1.3 * self.cell * per, (1.3 * self.cell + 1.5) * per);
+        let limit = if along_y { self.image.width() } else { self.image.height() } as f64 - 1.0;
+        let mut sums = LevelSums::new(self.image);
+        for row in rows {
+            let c = (self.line.offset - other * row.s) / across;
+            let p = if along_y { Vector2::new(c, row.s) } else { Vector2::new(row.s, c) };
+            row.white = inside.at((p - self.from).norm() / self.length, 0.7 / self.length);
+            if c - out.1 > 0.5 && c + out.1 < limit - 0.5 {
+                let (a, b) = (c + sign * out.0, c + sign * out.1);
+                sums.take((row.s as u32 as usize, along_y), (a.min(b), a.max(b)));
+                row.beyond = sign * (sums.up_to(b) - sums.up_to(a)) / (out.1 - out.0);
+            }
+        }
     }
 
     /// Fits the line to the rows, without outliers. `None` with too few rows or too little contrast.
@@ -253,18 +268,22 @@ impl SideScan<'_> {
         let (across, other) = if along_y { (normal.x, normal.y) } else { (normal.y, normal.x) };
         let (sign, window) = (across.signum(), 2.0 * self.half / across.abs());
         let (mut light, mut dark) = (Trend::of(rows, |r| r.light), Trend::of(rows, |r| r.dark));
+        let mut all_fit = true;
         for row in rows.iter_mut().filter(|r| r.used) {
             let most = LEVEL_SHARE * (light.at(row.s) - dark.at(row.s));
             row.used =
                 (row.light - light.at(row.s)).abs() <= most && (row.dark - dark.at(row.s)).abs() <= most;
+            all_fit &= row.used;
         }
-        (light, dark) = (Trend::of(rows, |r| r.light), Trend::of(rows, |r| r.dark));
+        if !all_fit {
+            (light, dark) = (Trend::of(rows, |r| r.light), Trend::of(rows, |r| r.dark));
+        }
         let mut contrast = light.a - dark.a;
         // Levels: chosen by hand, half of what a tag's middle must have, because light may be uneven over the tag; the double loses the side in shadow.
         if (light.n as usize) < MIN_ROWS || !(contrast >= 5.0) {
             return None;
         }
-        let mut gain = (Trend::of(rows, |r| r.ends).a / contrast).clamp(MIN_GAIN, 1.0);
+        let gain;
         let mut blur_px = 0.0;
         if self.inside.is_some() {
             let per = 1.0 / across.abs();
@@ -275,6 +294,7 @@ impl SideScan<'_> {
             blur_px = blur;
             let mut shine = Shine::new(&windows, blur);
             if shine.matters() {
+                self.look_around(along_y, rows);
                 // contrast and blur once more without the contribution of other cells. Of the contrast the level windows show `1 - 2 own`; noise
                 // grows as it is divided by this, by 3.3 at most. Chosen by hand: half allows twice the noise, the double understates narrow cells
                 let full = contrast / (1.0 - 2.0 * shine.own).max(0.3);
@@ -301,6 +321,8 @@ impl SideScan<'_> {
             // bounds as above, so that noise does not grow
             contrast = ((light.a - dark.a) / (1.0 - 2.0 * shine.own).max(0.3)).max(5.0);
             gain = shine.gain.clamp(MIN_GAIN, 1.0);
+        } else {
+            gain = (Trend::of(rows, |r| r.ends).a / contrast).clamp(MIN_GAIN, 1.0);
         }
         let own = contrast / (light.a - dark.a).max(1.0);
         // with uneven illumination the levels, which are read farther out than the window reaches, differ from those within it
@@ -325,10 +347,14 @@ impl SideScan<'_> {
         // Beyond three deviations lie 0.27 % of normal errors, so that hardly any good row is lost; 0.1 px at least, because where nothing but
         // rounding scatters the rows of a bowed side would otherwise be left out. Chosen by hand: half and double change which rows those are.
         let most = (3.0 * trend.variance.sqrt()).max(0.1);
+        let mut all_fit = true;
         for row in rows.iter_mut().filter(|r| r.used) {
             row.used = (row.delta - trend.at(row.s)).abs() <= most;
+            all_fit &= row.used;
         }
-        trend = Trend::of(rows, |r| r.delta);
+        if !all_fit {
+            trend = Trend::of(rows, |r| r.delta);
+        }
         if (trend.n as usize) < MIN_ROWS {
             return None;
         }

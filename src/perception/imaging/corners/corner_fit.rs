@@ -15,11 +15,12 @@
 use super::corner_model::parameter::{
     AMPLITUDE, BLUR, COUNT, LIGHT_X, LIGHT_Y, MIDDLE, TURN_U, TURN_V, X, Y,
 };
-use super::corner_model::{CornerJacobian, CornerModel, CornerPixels};
+use super::corner_model::{CornerJacobian, CornerModel, RESIDUAL};
 use crate::imaging::ImageView;
 use crate::imaging::simd::has_avx2;
 use crate::linalg::{Eight, Ldlt};
 use nalgebra::Vector2;
+use window::CornerWindow;
 
 /// Greatest half side of a window, px; of a sharp one, where more pixels add little. Chosen by hand: time grows with the square.
 const MAX_HALF_PX: i32 = 8;
@@ -36,6 +37,11 @@ const MAX_STEPS: usize = 12;
 const MIN_PART: f64 = 0.2;
 /// A step this small is the last, px. Chosen by hand: what remains is a twentieth of it, a thousandth of a pixel.
 const LAST_STEP_PX: f64 = 0.02;
+/// After a step that moves, turns and blurs edges by less the derivatives stay as they are for the next one, px: over a sixth of a usual blur they
+/// change by a sixth at most, and so does a step that is small by then. Chosen by hand: half asks for whole steps more often.
+const NEAR_PX: f64 = 0.08;
+/// Greatest shift from sums over quadrants that is believed, px. Chosen by hand: ring corners are off by less, and a shift by more leaves the window.
+const MOST_SHIFT_PX: f64 = 1.2;
 /// Bounds of the blur, px. Derived: the pixel alone has `1 / sqrt 12` = 0.29. The upper bound was chosen by hand.
 const BLURS_PX: std::ops::RangeInclusive<f64> = 0.25..=5.0;
 /// What is known beforehand of directions (rad) and of light's change (1/px), as deviations. Squares smaller than `WAVES` deviations of the
@@ -116,11 +122,8 @@ impl CornerFit {
 /// Fits corners. Owns its buffers.
 #[derive(Debug, Clone)]
 pub struct CornerFitter {
-    pixels: [CornerPixels; BLOCKS],
+    window: CornerWindow,
     rows: [CornerJacobian; BLOCKS],
-    /// Blocks in use, and pixels that count.
-    blocks: usize,
-    count: usize,
     #[cfg_attr(not(target_arch = "x86_64"), allow(dead_code))]
     wide: bool,
 }
@@ -138,14 +141,7 @@ struct CornerEquations {
 
 impl Default for CornerFitter {
     fn default() -> Self {
-        let zero = Eight::ZERO;
-        Self {
-            pixels: [CornerPixels { x: zero, y: zero, level: zero, weight: zero }; BLOCKS],
-            rows: [CornerJacobian { residual: zero, derivative: [zero; COUNT] }; BLOCKS],
-            blocks: 0,
-            count: 0,
-            wide: has_avx2(),
-        }
+        Self { window: CornerWindow::default(), rows: [[Eight::ZERO; COUNT + 1]; BLOCKS], wide: has_avx2() }
     }
 }
 
@@ -188,25 +184,35 @@ impl CornerFitter {
         let waves = next[0].min(next[1]) < WAVES * p[BLUR];
         let spread = [if waves { PRIOR_TURN_WAVES_RAD } else { PRIOR_TURN_RAD }, guess.blur_spread];
         let bounds = self.bounds(guess, next, p[BLUR]);
-        let mut middle = self.load(image, guess.px, half, [normal_u, normal_v], bounds)?;
+        let mut middle = self.window.load(image, guess.px, half, [normal_u, normal_v], bounds)?;
         (p[X], p[Y]) = (guess.px.x - middle[0], guess.px.y - middle[1]);
-        self.first_levels(&mut p, [normal_u, normal_v]);
+        let about = self.window.quadrants([p[X], p[Y]], [normal_u, normal_v]);
+        if !waves && about.shift_px.iter().all(|shift| shift.abs() < MOST_SHIFT_PX) {
+            (p[MIDDLE], p[AMPLITUDE]) = (about.middle, about.amplitude);
+            (p[X], p[Y]) = (p[X] + about.shift_px[0], p[Y] + about.shift_px[1]);
+        } else {
+            let [same, other] = about.means;
+            // blur takes off about a third of the contrast
+            (p[MIDDLE], p[AMPLITUDE]) = (0.5 * (same + other), 0.7 * (same - other));
+        }
         let mut reloads = 0;
-        let (mut part, mut previous) = (1.0, [0.0; 2]);
+        let (mut part, mut previous, mut changed_px) = (1.0, [0.0; 2], f64::INFINITY);
+        let mut normal = CornerEquations { matrix: [[0.0; COUNT]; COUNT], right: [0.0; COUNT], squares: 0.0 };
         for step in 0..MAX_STEPS {
             let at = Vector2::new(p[X] + middle[0], p[Y] + middle[1]);
+            let mut near = changed_px < NEAR_PX;
             // half a pixel, and some more so that it must not alternate
             if p[X].abs().max(p[Y].abs()) > 0.8 && reloads < 3 {
-                reloads += 1;
-                middle = self.load(image, at, half, [normal_u, normal_v], bounds)?;
+                (reloads, near) = (reloads + 1, false);
+                middle = self.window.load(image, at, half, [normal_u, normal_v], bounds)?;
                 (p[X], p[Y]) = (at.x - middle[0], at.y - middle[1]);
             }
             // the next edges matter where their blur reaches into the window
             let seen = f64::from(half) * 1.5 + 3.0 * p[BLUR];
             let next_px = [(next[0], longer[0]), (next[1], longer[1])]
                 .map(|(l, d)| (l < seen).then_some([l - d, l + d].map(|l| l as f32)));
-            let normal = self.normal(&CornerModel::new(&p, next_px));
-            let free = (self.count as f64 - COUNT as f64).max(1.0);
+            self.equations(&CornerModel::new(&p, next_px), near, &mut normal);
+            let free = (self.window.count() as f64 - COUNT as f64).max(1.0);
             let variance = (normal.squares / free).max(ROUNDING);
             let (mut weights, right) = with_prior(&normal, &p, &before, spread, variance);
             if waves && step == 0 {
@@ -230,6 +236,9 @@ impl CornerFitter {
                 *p += *delta;
             }
             p[BLUR] = p[BLUR].clamp(*BLURS_PX.start(), *BLURS_PX.end());
+            // of the edges at the window's end, and of their width
+            let turned = f64::from(half) * delta[TURN_U].abs().max(delta[TURN_V].abs());
+            changed_px = size.max(turned).max(delta[BLUR].abs());
             let px = Vector2::new(p[X] + middle[0], p[Y] + middle[1]);
             if !((px - guess.px).norm() <= reach_px) {
                 return None;
@@ -275,129 +284,60 @@ impl CornerFitter {
         bounds
     }
 
-    /// Takes the pixels about a point; the window's middle. `None` when too few are in the image.
-    fn load(
-        &mut self,
-        image: &ImageView<'_>,
-        about: Vector2<f64>,
-        half: i32,
-        normals: [Vector2<f64>; 2],
-        bounds: [f64; 4],
-    ) -> Option<[f64; 2]> {
-        let (mx, my) = (about.x.round(), about.y.round());
-        let fits = |m: f64, size: usize| m >= 2.0 && m <= size as f64 - 3.0;
-        if !(fits(mx, image.width()) && fits(my, image.height())) {
-            return None;
-        }
-        let (left, top) = (mx as i64, my as i64);
-        let bounded = bounds.iter().any(|b| b.is_finite());
-        let [low_u, high_u, low_v, high_v] = bounds.map(|b| b as f32);
-        let [nu, nv] = normals.map(|n| [n.x as f32, n.y as f32]);
-        let (ax, ay) = ((about.x - mx) as f32, (about.y - my) as f32);
-        let side = (2 * half + 1) as usize;
-        let (mut at, mut count) = (0, 0);
-        self.blocks = (side * side).div_ceil(8);
-        for dy in -half..=half {
-            let row = usize::try_from(top + i64::from(dy)).map_or(&[][..], |y| image.row(y));
-            for dx in -half..=half {
-                let level = usize::try_from(left + i64::from(dx)).ok().and_then(|x| row.get(x));
-                let (x, y) = (dx as f32, dy as f32);
-                let mut counts = level.is_some();
-                if bounded {
-                    let u = nu[0] * (x - ax) + nu[1] * (y - ay);
-                    let v = nv[0] * (x - ax) + nv[1] * (y - ay);
-                    counts &= -low_u <= u && u <= high_u && -low_v <= v && v <= high_v;
-                }
-                let pixels = self.pixels.get_mut(at / 8)?;
-                for (eight, value) in [
-                    (&mut pixels.x, x),
-                    (&mut pixels.y, y),
-                    (&mut pixels.level, level.map_or(0.0, |&l| f32::from(l))),
-                    (&mut pixels.weight, f32::from(u8::from(counts))),
-                ] {
-                    if let Some(slot) = eight.0.get_mut(at % 8) {
-                        *slot = value;
-                    }
-                }
-                count += usize::from(counts);
-                at += 1;
-            }
-        }
-        // the rest of the last block
-        if let Some(pixels) = self.pixels.get_mut(self.blocks - 1) {
-            let used = (at - 1) % 8 + 1;
-            pixels.weight.0.iter_mut().skip(used).for_each(|w| *w = 0.0);
-        }
-        self.count = count;
-        (count >= 2 * COUNT).then_some([mx, my])
-    }
-
-    /// Levels and contrast from the means of the quadrants.
-    fn first_levels(&self, p: &mut Vector, normals: [Vector2<f64>; 2]) {
-        let (mut same, mut other) = ([0.0f64; 2], [0.0f64; 2]);
-        for pixels in self.pixels.iter().take(self.blocks) {
-            let each = pixels.x.0.iter().zip(&pixels.y.0).zip(pixels.level.0.iter().zip(&pixels.weight.0));
-            for ((x, y), (level, weight)) in each {
-                let d = Vector2::new(f64::from(*x) - p[X], f64::from(*y) - p[Y]);
-                let uv = normals[0].dot(&d) * normals[1].dot(&d);
-                let [sum, n] = if uv > 0.0 { &mut same } else { &mut other };
-                *sum += f64::from(level * weight);
-                *n += f64::from(*weight);
-            }
-        }
-        let (a, b) = (same[0] / same[1].max(1.0), other[0] / other[1].max(1.0));
-        p[MIDDLE] = 0.5 * (a + b);
-        // blur takes off about a third of it
-        p[AMPLITUDE] = 0.7 * (a - b);
-    }
-
-    fn normal(&mut self, model: &CornerModel) -> CornerEquations {
+    /// The equations of the model. `near`: with the derivatives that were computed last, which hardly differ.
+    fn equations(&mut self, model: &CornerModel, near: bool, out: &mut CornerEquations) {
         #[cfg(target_arch = "x86_64")]
         if self.wide {
             // SAFETY: `wide` is set only where the processor has AVX2.
             #[allow(unsafe_code)]
-            return unsafe { self.normal_avx2(model) };
+            unsafe {
+                self.equations_avx2(model, near, out);
+            }
+            return;
         }
-        self.normal_with(model)
+        self.equations_with(model, near, out);
     }
 
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2")]
-    fn normal_avx2(&mut self, model: &CornerModel) -> CornerEquations {
-        self.normal_with(model)
+    fn equations_avx2(&mut self, model: &CornerModel, near: bool, out: &mut CornerEquations) {
+        self.equations_with(model, near, out);
     }
 
     #[inline(always)]
-    fn normal_with(&mut self, model: &CornerModel) -> CornerEquations {
-        let (pixels, rows) = (self.pixels.get(..self.blocks), self.rows.get_mut(..self.blocks));
-        let (Some(pixels), Some(rows)) = (pixels, rows) else {
-            return CornerEquations { matrix: [[0.0; COUNT]; COUNT], right: [0.0; COUNT], squares: 0.0 };
-        };
-        for (pixels, row) in pixels.iter().zip(rows.iter_mut()) {
-            *row = model.at(pixels);
-        }
-        let rows = &*rows;
-        let product = |a: &dyn Fn(&CornerJacobian) -> Eight, b: &dyn Fn(&CornerJacobian) -> Eight| {
-            let mut sum = Eight::ZERO;
-            for row in rows {
-                sum = sum + a(row) * b(row);
+    #[allow(clippy::needless_range_loop)] // matrix indices read better
+    fn equations_with(&mut self, model: &CornerModel, near: bool, out: &mut CornerEquations) {
+        let pixels = self.window.blocks();
+        let Some(rows) = self.rows.get_mut(..pixels.len()) else { return };
+        if near {
+            for (pixels, row) in pixels.iter().zip(rows.iter_mut()) {
+                row[RESIDUAL] = model.at(pixels)[RESIDUAL];
             }
-            f64::from(sum.sum())
-        };
-        let mut out = CornerEquations { matrix: [[0.0; COUNT]; COUNT], right: [0.0; COUNT], squares: 0.0 };
-        for i in 0..COUNT {
-            for j in i..COUNT {
+        } else {
+            for (pixels, row) in pixels.iter().zip(rows.iter_mut()) {
+                *row = model.at(pixels);
+            }
+        }
+        // one sum in a loop, of columns known to be some: compilers make vectors of that
+        let mut products = [[0.0; COUNT + 1]; COUNT + 1];
+        for i in (if near { RESIDUAL } else { 0 })..=RESIDUAL {
+            for k in 0..=i {
                 let mut sum = Eight::ZERO;
-                for row in rows {
-                    sum = sum + row.derivative[i] * row.derivative[j];
+                for row in &*rows {
+                    sum = sum + row[i] * row[k];
                 }
-                let sum = f64::from(sum.sum());
-                (out.matrix[i][j], out.matrix[j][i]) = (sum, sum);
+                products[i][k] = f64::from(sum.sum());
             }
-            out.right[i] = product(&|r| r.derivative[i], &|r| r.residual);
         }
-        out.squares = product(&|r| r.residual, &|r| r.residual);
-        out
+        if !near {
+            for i in 0..COUNT {
+                for k in 0..=i {
+                    (out.matrix[i][k], out.matrix[k][i]) = (products[i][k], products[i][k]);
+                }
+            }
+        }
+        out.right.copy_from_slice(&products[RESIDUAL][..COUNT]);
+        out.squares = products[RESIDUAL][RESIDUAL];
     }
 }
 
@@ -427,3 +367,4 @@ fn with_prior(
 mod bend;
 #[cfg(test)]
 mod tests;
+mod window;

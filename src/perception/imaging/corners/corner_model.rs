@@ -52,12 +52,10 @@ pub(super) struct CornerPixels {
     pub(super) weight: Eight,
 }
 
-/// Residuals and derivatives of the model at eight pixels.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct CornerJacobian {
-    pub(super) residual: Eight,
-    pub(super) derivative: [Eight; COUNT],
-}
+/// Derivatives of the model at eight pixels by index, and behind them the residuals.
+pub(super) type CornerJacobian = [Eight; COUNT + 1];
+/// Index of the residuals.
+pub(super) const RESIDUAL: usize = COUNT;
 
 /// One edge and its neighbours, as all pixels need it.
 #[derive(Debug, Clone, Copy)]
@@ -170,7 +168,7 @@ impl CornerModel {
         let level = p * amplitude + middle;
         let scale = light * (amplitude / blur);
         let (along_u, along_v) = (by_u * scale, by_v * scale);
-        let mut derivative = [Eight::ZERO; COUNT];
+        let mut derivative = [Eight::ZERO; COUNT + 1];
         derivative[X] = -(along_u * self.u.normal[0] + along_v * self.v.normal[0]);
         derivative[Y] = -(along_u * self.u.normal[1] + along_v * self.v.normal[1]);
         derivative[MIDDLE] = light;
@@ -191,7 +189,8 @@ impl CornerModel {
         derivative[LIGHT_X] = level * pixels.x * pixels.weight;
         derivative[LIGHT_Y] = level * pixels.y * pixels.weight;
         let lit = (derivative[X] * light_x + derivative[Y] * light_y) * (blur * blur);
-        CornerJacobian { residual: (pixels.level * pixels.weight) - level * light + lit, derivative }
+        derivative[RESIDUAL] = (pixels.level * pixels.weight) - level * light + lit;
+        derivative
     }
 }
 
@@ -224,10 +223,10 @@ mod tests {
                     let by = |h: f64| {
                         let mut moved = p;
                         moved[k] += h;
-                        CornerModel::new(&moved, [next; 2]).at(&pixels).residual.0
+                        CornerModel::new(&moved, [next; 2]).at(&pixels)[RESIDUAL].0
                     };
-                    let largest = row.derivative[k].0.iter().fold(0.0, |m: f32, d| m.max(d.abs()));
-                    for ((d, before), behind) in row.derivative[k].0.iter().zip(by(-h)).zip(by(h)) {
+                    let largest = row[k].0.iter().fold(0.0, |m: f32, d| m.max(d.abs()));
+                    for ((d, before), behind) in row[k].0.iter().zip(by(-h)).zip(by(h)) {
                         let told = (before - behind) / (2.0 * h as f32);
                         // the series' last term has no share in the derivative by the blur
                         assert!((d - told).abs() < 0.05 * largest, "{skew} {blur} {k}: {d} {told}");

@@ -61,9 +61,16 @@ impl RingDetector {
             for part in row.chunks(32) {
                 // nearly all parts hold nothing
                 if part.iter().fold(0, |a, &b| a.max(b)) > least {
-                    for (i, &value) in part.iter().enumerate().filter(|(_, v)| **v > least) {
-                        if (rim..width - rim).contains(&(x + i)) && is_peak(&self.response, x + i, y, value) {
-                            self.corners.extend(corner(image, &self.response, x + i, y, value));
+                    let columns = x.max(rim)..(x + part.len()).min(width.saturating_sub(rim));
+                    for (at, about) in columns.clone().zip(row.windows(3).skip(columns.start - 1)) {
+                        // of equal ones the first is the peak
+                        if let &[before, value, behind] = about
+                            && value > least
+                            && before < value
+                            && behind <= value
+                            && is_peak(&self.response, at, y, value)
+                        {
+                            self.corners.extend(corner(image, &self.response, at, y, value));
                         }
                     }
                 }

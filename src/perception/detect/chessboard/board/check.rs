@@ -2,7 +2,8 @@
 
 use super::{Board, EMPTY, Slot, corner_sd_px};
 use crate::imaging::corners::CornerFit;
-use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
+use crate::linalg::Ldlt;
+use nalgebra::{Matrix3, Vector2, Vector3};
 
 /// Contrast, residual, blur and stated deviation of a corner compared with the board's medians. Chosen by hand, so wide that light may fall
 /// off to a third over the board and blur may double; what lies on a corner is mostly further off. Half the excess over 1 removes
@@ -165,27 +166,38 @@ impl Board {
         }
         mean /= n;
         let scale = 100.0;
-        let (mut a, mut b) = (SMatrix::<f64, 8, 8>::zeros(), SVector::<f64, 8>::zeros());
         // twice: the second time the equations are weighed by the denominator
-        let mut h = SVector::<f64, 8>::zeros();
+        let mut h = [0.0; 8];
         for _ in 0..2 {
-            a.fill(0.0);
-            b.fill(0.0);
-            for id in 0..self.slots.len() {
-                let Some(slot) = self.slots.get(id).filter(|s| s.fit.is_some()) else { continue };
+            // moments of columns and rows, weighed by 1, by both coordinates in the image, and by their squares' sum
+            let mut moments = [[0.0; 6]; 4];
+            for (id, slot) in self.slots.iter().enumerate().filter(|(_, s)| s.fit.is_some()) {
                 let (c, r) = self.place(id);
                 let (x, y) = (c as f64 - 0.5 * self.columns as f64, r as f64 - 0.5 * self.rows as f64);
                 let p = (slot.px - mean) / scale;
-                let w = 1.0 / (h[6] * x + h[7] * y + 1.0);
-                for (row, value) in [
-                    (SVector::<f64, 8>::from([x, y, 1.0, 0.0, 0.0, 0.0, -x * p.x, -y * p.x]), p.x),
-                    (SVector::<f64, 8>::from([0.0, 0.0, 0.0, x, y, 1.0, -x * p.y, -y * p.y]), p.y),
-                ] {
-                    a += row * row.transpose() * (w * w);
-                    b += row * (value * w * w);
+                let w2 = (h[6] * x + h[7] * y + 1.0).powi(-2);
+                let weights = [w2, w2 * p.x, w2 * p.y, w2 * p.norm_squared()];
+                for (moments, weight) in moments.iter_mut().zip(weights) {
+                    for (moment, value) in moments.iter_mut().zip([x * x, x * y, y * y, x, y, 1.0]) {
+                        *moment += weight * value;
+                    }
                 }
             }
-            h = a.cholesky()?.solve(&b);
+            let [[xx, xy, yy, x, y, n], p, q, r] = moments;
+            let [a, b, c] = [[xx, xy, x], [xy, yy, y], [x, y, n]];
+            // of the symmetric matrix the lower triangle
+            let matrix = [
+                [a[0], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+                [b[0], b[1], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+                [c[0], c[1], c[2], 0.0, 0.0, 0.0, 0.0, 0.0],
+                [0.0, 0.0, 0.0, a[0], 0.0, 0.0, 0.0, 0.0],
+                [0.0, 0.0, 0.0, b[0], b[1], 0.0, 0.0, 0.0],
+                [0.0, 0.0, 0.0, c[0], c[1], c[2], 0.0, 0.0],
+                [-p[0], -p[1], -p[3], -q[0], -q[1], -q[3], r[0], 0.0],
+                [-p[1], -p[2], -p[4], -q[1], -q[2], -q[4], r[1], r[2]],
+            ];
+            let right = [p[3], p[4], p[5], q[3], q[4], q[5], -r[3], -r[4]];
+            h = Ldlt::new(&matrix, &[0.0; 8])?.solve(&right);
         }
         let centred = Matrix3::new(h[0], h[1], h[2], h[3], h[4], h[5], h[6], h[7], 1.0);
         let to = Matrix3::new(scale, 0.0, mean.x, 0.0, scale, mean.y, 0.0, 0.0, 1.0);

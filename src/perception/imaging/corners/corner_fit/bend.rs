@@ -31,12 +31,12 @@ impl CornerFitter {
         let along = [[-su, cu], [-sv, cv]].map(|both| both.map(|k| k as f32));
         let (x, y) = (p[X] as f32, p[Y] as f32);
         let mut sums = [[Eight::ZERO; COUNT]; 2];
-        for (pixels, row) in self.pixels.iter().zip(&self.rows).take(self.blocks) {
+        for (pixels, row) in self.window.blocks().iter().zip(&self.rows) {
             let (dx, dy) = (pixels.x + (-x), pixels.y + (-y));
             for ((sums, by), along) in sums.iter_mut().zip([by_u, by_v]).zip(along) {
                 let a = dx * along[0] + dy * along[1];
-                let level = (row.derivative[X] * by[0] + row.derivative[Y] * by[1]) * (a * a);
-                for (sum, derivative) in sums.iter_mut().zip(&row.derivative) {
+                let level = (row[X] * by[0] + row[Y] * by[1]) * (a * a);
+                for (sum, derivative) in sums.iter_mut().zip(row) {
                     *sum = *sum + *derivative * level;
                 }
             }
