@@ -85,7 +85,8 @@ fn the_status_tells_what_touches_the_arm() {
             "ur5".to_owned(),
             "--clock=lockstep".to_owned(),
             format!("--set=drive.mode={mode}"),
-            "--set=drive.simulated.jam={joint=1,from_s=2.0}".to_owned(),
+            // Across the way to its goal.
+            "--set=drive.simulated.wall={point_m=[0.40,0.26,0.45],normal=[-0.4,-0.3,0.85]}".to_owned(),
         ];
         let daemon = Daemon::start("touched", &set.each_ref().map(String::as_str));
         let (_, before, _) = daemon.ctl("status");
@@ -94,12 +95,13 @@ fn the_status_tells_what_touches_the_arm() {
         daemon.wait_for("fault");
         let (_, answer, _) = daemon.ctl("status");
         let contact = &answer["contact"];
-        assert_eq!(contact["joint"], 1, "{answer}");
+        let joint = contact["joint"].as_u64().unwrap();
+        assert!(joint < 6, "{answer}");
         assert_eq!(contact["torque_n_m_or_n"].is_number(), knows, "{answer}");
         assert_eq!(contact["force_n"].as_array().map_or(0, Vec::len), if knows { 3 } else { 0 }, "{answer}");
         let line = vservo().args(["ctl", "status", "--instance", &daemon.instance.name]).output().unwrap();
         let line = String::from_utf8_lossy(&line.stdout).into_owned();
-        assert!(line.contains("touched: felt by joint 1"), "{line}");
+        assert!(line.contains(&format!("touched: felt by joint {joint}")), "{line}");
         daemon.accepts("reset");
         daemon.wait_for("idle");
         assert_eq!(daemon.ctl("status").1["contact"], Value::Null);

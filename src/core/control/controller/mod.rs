@@ -413,7 +413,11 @@ impl<const N: usize> Controller<N> {
                     self.joint_control.brake_by_joint(&state.q);
                 }
             }
-            self.joint_control.learn_in_fault(self.sinks());
+            if self.floats() {
+                self.joint_control.learn_nothing_of_a_hand();
+            } else {
+                self.joint_control.learn_in_fault(self.sinks());
+            }
             return None;
         }
         let behind = self.watch.follow(&state.q, &motion.way);
