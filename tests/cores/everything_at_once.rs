@@ -277,5 +277,6 @@ fn arms_unlike_their_models_in_everything() {
     let number = |name| variable(name).and_then(|n| n.parse::<u64>().ok());
     let draws = number("VSERVO_CAMPAIGN_DRAWS").unwrap_or(12) as usize;
     let counts = campaign(draws, number("VSERVO_CAMPAIGN_SEED").unwrap_or(1));
-    assert!(counts.all > 0);
+    // Ten of the twelve; of 96, 74 (docs/drives.md).
+    assert!(f64::from(counts.converged) >= 0.7 * f64::from(counts.all), "{counts:?}");
 }

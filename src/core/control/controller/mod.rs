@@ -413,11 +413,7 @@ impl<const N: usize> Controller<N> {
                     self.joint_control.brake_by_joint(&state.q);
                 }
             }
-            if self.floats() {
-                self.joint_control.learn_nothing_of_a_hand();
-            } else {
-                self.joint_control.learn_in_fault(self.sinks());
-            }
+            self.joint_control.learn_in_fault(self.sinks());
             return None;
         }
         let behind = self.watch.follow(&state.q, &motion.way);

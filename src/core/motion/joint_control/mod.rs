@@ -147,13 +147,6 @@ impl<const N: usize> JointController<N> {
         self.observer.learn_at(share);
     }
 
-    /// While soft: keeps what was learnt of disturbances, so that a hand that moves the arm is not resisted; an arm that is braked by each joint alone goes on learning.
-    pub fn learn_nothing_of_a_hand(&mut self) {
-        if self.soft {
-            self.observer.pause(self.braked_at.is_none());
-        }
-    }
-
     /// While soft: goes on learning disturbances, as while it damps, or keeps them as they are.
     pub fn learn_in_fault(&mut self, learns: bool) {
         if self.soft {
