@@ -204,41 +204,6 @@ fn a_joint_that_is_stopped_in_its_motion_is_told_at_once() {
     }
 }
 
-/// An arm that floats gives way to a hand for as long as that pushes, gently, and stays where it is left; one that stops does not give way.
-#[test]
-fn an_arm_that_floats_is_moved_by_hand() {
-    for file in ["ur5", "panda"] {
-        let way_along_the_push = |reaction: &str| {
-            let push = "drive.simulated.push={force_n=[0.0,60.0,0.0],from_s=0.5,until_s=2.5}";
-            let config = load(file, &[format!("safety.contact={reaction}"), push.into()]);
-            let (mut tick, mut at, mut fault, mut fastest, mut speed) = (0, Vec::new(), None, 0.0_f64, 0.0);
-            simulate_system(&config, &mut |moment| {
-                if let Moment::Tick(trace, _) = moment {
-                    tick += 1;
-                    fault = fault.or(trace.fault.map(|kind| (tick, kind)));
-                    let (p, v) = flange(&config, &trace.joint_state);
-                    at.push(p.y);
-                    if fault.is_some_and(|(from, _)| tick > from + 300) {
-                        fastest = fastest.max(v.norm());
-                    }
-                    speed = trace.joint_state.qd_true.iter().fold(0.0_f64, |most, qd| most.max(qd.abs()));
-                }
-                ControlFlow::Continue(())
-            })
-            .unwrap();
-            let (noticed, kind) = fault.unwrap();
-            assert_eq!(kind, Fault::Contact, "{file} {reaction}");
-            assert!(speed < 0.02, "{file} {reaction}: ends with {speed}");
-            assert!(fastest < 0.5, "{file} {reaction}: {fastest} m/s");
-            // Within what it takes to brake it goes on either way.
-            at.last().unwrap() - at.get(noticed + 300).or(at.last()).unwrap()
-        };
-        let (floats, stops) = (way_along_the_push("float"), way_along_the_push("stop"));
-        println!("{file}: {:.1} mm floating, {:.1} mm stopping", 1e3 * floats, 1e3 * stops);
-        assert!(floats > 0.03 && stops.abs() < 0.01, "{file}: {floats} {stops}");
-    }
-}
-
 /// A drive that closes its own loop and measures its torques: the force at the flange and its direction are told, and a wall is noticed sooner than by the lag alone. Without contact
 /// nothing is told.
 #[test]

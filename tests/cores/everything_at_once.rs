@@ -5,7 +5,7 @@
 //!
 //! ```text
 //! VSERVO_CAMPAIGN_DRAWS=100 cargo test --release --test cores everything_at_once:: -- --nocapture
-//! VSERVO_CAMPAIGN_SEED=7 VSERVO_CAMPAIGN_MODES=torque VSERVO_CAMPAIGN_FILES=ur5,xarm7 ...
+//! VSERVO_CAMPAIGN_SEED=7 VSERVO_CAMPAIGN_MODES=torque VSERVO_CAMPAIGN_FILES=ur5,xarm7 VSERVO_CAMPAIGN_SET='servo.gain_1_s=1.0;...' ...
 //! ```
 //! which prints a line for each draw, with the settings that repeat it, and a table.
 
@@ -114,6 +114,9 @@ fn draw(
         let q: Vec<_> = q_start.iter().map(|q| q + random.within(-0.04, 0.04)).collect();
         set.push(format!("robot.q_start_rad_or_m={q:.4?}"));
         set.push(format!("run.seed={}", random.within(0.0, 1e6) as u32));
+        set.extend(
+            variable("VSERVO_CAMPAIGN_SET").iter().flat_map(|keys| keys.split(';').map(str::to_owned)),
+        );
         if load(file, &set).is_ok() {
             return Draw { file, mode, kind, set };
         }
@@ -274,5 +277,6 @@ fn arms_unlike_their_models_in_everything() {
     let number = |name| variable(name).and_then(|n| n.parse::<u64>().ok());
     let draws = number("VSERVO_CAMPAIGN_DRAWS").unwrap_or(12) as usize;
     let counts = campaign(draws, number("VSERVO_CAMPAIGN_SEED").unwrap_or(1));
-    assert!(counts.all > 0);
+    // Ten of the twelve; of 96, 74 (docs/drives.md).
+    assert!(f64::from(counts.converged) >= 0.7 * f64::from(counts.all), "{counts:?}");
 }

@@ -77,37 +77,6 @@ impl Daemon {
     }
 }
 
-/// What stopped the arm is told with joint, force and direction until the reset; before that nothing is told. Where torques are not known, the joint alone.
-#[test]
-fn the_status_tells_what_touches_the_arm() {
-    for (mode, knows) in [("torque", true), ("velocity", false)] {
-        let set = [
-            "ur5".to_owned(),
-            "--clock=lockstep".to_owned(),
-            format!("--set=drive.mode={mode}"),
-            "--set=drive.simulated.jam={joint=1,from_s=2.0}".to_owned(),
-        ];
-        let daemon = Daemon::start("touched", &set.each_ref().map(String::as_str));
-        let (_, before, _) = daemon.ctl("status");
-        assert_eq!(before["contact"], Value::Null, "{before}");
-        daemon.accepts("start");
-        daemon.wait_for("fault");
-        let (_, answer, _) = daemon.ctl("status");
-        let contact = &answer["contact"];
-        assert_eq!(contact["joint"], 1, "{answer}");
-        assert_eq!(contact["torque_n_m_or_n"].is_number(), knows, "{answer}");
-        assert_eq!(contact["force_n"].as_array().map_or(0, Vec::len), if knows { 3 } else { 0 }, "{answer}");
-        let line = vservo().args(["ctl", "status", "--instance", &daemon.instance.name]).output().unwrap();
-        let line = String::from_utf8_lossy(&line.stdout).into_owned();
-        assert!(line.contains("touched: felt by joint 1"), "{line}");
-        daemon.accepts("reset");
-        daemon.wait_for("idle");
-        assert_eq!(daemon.ctl("status").1["contact"], Value::Null);
-        daemon.accepts("shutdown");
-        daemon.ended();
-    }
-}
-
 fn error_px(daemon: &Daemon) -> f64 {
     daemon.ctl("status").1["feature_error_px"].as_f64().unwrap_or(f64::INFINITY)
 }

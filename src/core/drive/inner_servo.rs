@@ -1,9 +1,15 @@
 //! The servo inside a simulated drive that is commanded by velocity or position: `tau` by inverse dynamics of the
-//! maker's model (without the payload), with integral action that takes up what that model does not know.
+//! maker's model (rotors and friction as they are, without the payload), with integral action that takes up what that model does not know.
 //!
 //! ```text
 //! position: y = qdd_r + 3 w^2 e + 3 w e' + w^3 int e,   e = q_r - q    (triple pole at -w)
 //! velocity: y = qdd_r + 2 w e' + w^2 int e',            e' = qd_r - qd (double pole at -w)
+//! ```
+//! A joint with viscous friction `D` gets `D` times the output of a loop of one pole less beside that, so that its poles stay at `-w` (and one at `-w - D/I`), and a light
+//! wrist in a heavy gear is held against what is not known by its friction, not by its inertia:
+//!
+//! ```text
+//! position: D (2 w e + w^2 int e)        velocity: D w int e'
 //! ```
 //! A command says where and how fast the arm shall be one tick after it takes effect. On the way there the servo
 //! interpolates, as drives in cyclic modes do: between the velocities linearly, which gives `qdd_r`. Without that the
@@ -66,17 +72,21 @@ impl<const N: usize> VelocityLoop<N> {
         let q_r = command.q_r - (command.qd_r + qd_r) * (0.5 * left_s);
         self.elapsed_s += h;
         let (e, e_dot) = (q_r - q, qd_r - qd);
-        let (feedback, integrand) = match mode {
-            CommandMode::Velocity => (e_dot * (2.0 * w) + self.integral * (w * w), e_dot),
-            CommandMode::Torque | CommandMode::Position => {
-                (e * (3.0 * w * w) + e_dot * (3.0 * w) + self.integral * (w * w * w), e)
-            }
+        let (feedback, against_friction, integrand) = match mode {
+            CommandMode::Velocity => (e_dot * (2.0 * w) + self.integral * (w * w), self.integral * w, e_dot),
+            CommandMode::Torque | CommandMode::Position => (
+                e * (3.0 * w * w) + e_dot * (3.0 * w) + self.integral * (w * w * w),
+                e * (2.0 * w) + self.integral * (w * w),
+                e,
+            ),
         };
         // The middle of the step stands for all of it; friction is that of its end.
         let y = qdd_r + feedback;
         let qd_mid = qd + y * (0.5 * h);
         let q_mid = q + (qd + qd_mid) * (0.25 * h);
-        let tau = robot.inverse_dynamics(&q_mid, &qd_mid, &y) + robot.friction_torque(&(qd_r + qdd_r * h));
+        let rubs = SVector::<f64, N>::from_fn(|i, _| robot.friction()[i].viscous * against_friction[i]);
+        let tau =
+            robot.inverse_dynamics(&q_mid, &qd_mid, &y) + robot.friction_torque(&(qd_r + qdd_r * h)) + rubs;
         for i in 0..N {
             // A joint at its effort limit does not integrate: its integral would only grow.
             if tau[i].abs() < robot.limits()[i].effort {

@@ -20,7 +20,7 @@ use super::{
     CommandMode, Drive, DriveCommand, DriveState, EncoderModel, InnerServo, ShakingBase, TorqueRipple,
 };
 use crate::faults::JointFaults;
-use crate::robot::{Inertia, Robot};
+use crate::robot::{Friction, Inertia, Robot};
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::{SVector, Vector3};
 use thiserror::Error;
@@ -112,7 +112,7 @@ impl<const N: usize> Default for SimulatedDriveSettings<N> {
 /// A simulated arm.
 #[derive(Debug, Clone)]
 pub struct SimulatedDrive<const N: usize> {
-    /// As its maker knows it: what the inner servo computes with.
+    /// As its maker knows it, rotors and friction as they are: what the inner servo computes with.
     nominal: Robot<N>,
     /// As it is.
     robot: Robot<N>,
@@ -163,6 +163,8 @@ impl<const N: usize> SimulatedDrive<N> {
         let q_true = q + settings.q_offset;
         let true_arm = arm.with_load(&settings.payload).with_armature(&settings.rotor_inertia);
         let friction = settings.friction && has_friction(&true_arm);
+        let rubs = if settings.friction { *true_arm.friction() } else { [Friction::default(); N] };
+        let nominal = robot.with_friction(rubs).with_armature(&settings.rotor_inertia);
         let (elastic, true_arm, q_true) = match settings.wind_up {
             None => (None, true_arm, q_true),
             Some(wind_up) => {
@@ -189,7 +191,7 @@ impl<const N: usize> SimulatedDrive<N> {
                 .zip(settings.bristle_way)
                 .map(|(hard, way)| Bristles::new(hard, way)),
             robot: true_arm,
-            nominal: robot,
+            nominal,
             effort_limits: settings.effort_limits,
             tells_torque: settings.tells_torque,
             tau: None,
