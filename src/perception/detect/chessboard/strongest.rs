@@ -142,21 +142,21 @@ fn eighths(pixels: &[&[u8; SPAN]; ROWS]) -> EightWords {
     let (mut edge, mut ring) = (EightWords::ZERO, EightWords::ZERO);
     for k in 0..8 {
         let (p, q) = (levels(pixels, RING[k]), levels(pixels, RING[k + 8]));
-        a[k] = p + q;
-        edge = edge + (p - q).abs();
-        ring = ring + a[k];
+        a[k] = p.plus(q);
+        edge = edge.plus(p.minus(q).abs());
+        ring = ring.plus(a[k]);
     }
     let mut crossing = EightWords::ZERO;
     for k in 0..4 {
-        crossing = crossing + (a[k] - a[k + 4]).abs();
+        crossing = crossing.plus(a[k].minus(a[k + 4]).abs());
     }
     let mut middle = EightWords::ZERO;
     for side in [[-1, 0], [1, 0], [0, -1], [0, 1]] {
-        middle = middle + levels(pixels, side);
+        middle = middle.plus(levels(pixels, side));
     }
     // the means are a sixteenth and a quarter of these
-    let (twice, again) = (middle + middle, middle + middle);
-    crossing - edge - (ring - (twice + again)).abs()
+    let twice = middle.plus(middle);
+    crossing.minus(edge).minus(ring.minus(twice.plus(twice)).abs())
 }
 
 #[cfg(test)]

@@ -37,6 +37,8 @@ const MAX_STEPS: usize = 12;
 const MIN_PART: f64 = 0.2;
 /// A step this small is the last, px. Chosen by hand: what remains is a twentieth of it, a thousandth of a pixel.
 const LAST_STEP_PX: f64 = 0.02;
+/// The same with derivatives that are not those of the place: what remains is a tenth, again a thousandth of a pixel.
+const LAST_NEAR_STEP_PX: f64 = 0.01;
 /// After a step that moves, turns and blurs edges by less the derivatives stay as they are for the next one, px: over a sixth of a usual blur they
 /// change by a sixth at most, and so does a step that is small by then. Chosen by hand: half asks for whole steps more often.
 const NEAR_PX: f64 = 0.08;
@@ -243,7 +245,8 @@ impl CornerFitter {
             if !((px - guess.px).norm() <= reach_px) {
                 return None;
             }
-            if size < LAST_STEP_PX && step > 0 {
+            let last_px = if near { LAST_NEAR_STEP_PX } else { LAST_STEP_PX };
+            if size < last_px && step > 0 {
                 // what the last step still takes off the sum of squares
                 let less: f64 = delta.iter().zip(&normal.right).map(|(d, r)| d * r).sum();
                 let squares = normal.squares - less;
