@@ -229,7 +229,6 @@ pub fn simulated_settings<const N: usize>(
         substeps: arm.substeps,
         friction: arm.friction,
         hard_friction: arm.hard_friction,
-        bristle_way: arm.bristle_way,
         rotor_inertia,
         wind_up: arm.wind_up,
         ripple: arm.ripple.map(|ripple| TorqueRipple { seed: config.seed, ..ripple }),

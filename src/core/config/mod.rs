@@ -211,8 +211,6 @@ pub struct SimulatedArm {
     pub friction: bool,
     /// Stick-slip friction near standstill; `None`: smooth friction.
     pub hard_friction: Option<HardFriction>,
-    /// By how much joints with hard friction yield before they slip, rad or m; `None`: not at all.
-    pub bristle_way: Option<f64>,
     /// Coulomb friction that is not in the robot file, as a share of the effort limits.
     pub untold_coulomb_share: f64,
     /// Spread of the friction over the joints, as a share.

@@ -12,7 +12,6 @@
 //! | [`RecordedDrive`] | everything, and obeys nothing | an arm that was recorded, for dry runs |
 //! | [`StandstillDrive`] | everything | no arm, or one that does not move: replayed images |
 
-mod bristles;
 pub mod check;
 mod delay;
 mod disturbances;

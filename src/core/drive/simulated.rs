@@ -8,7 +8,6 @@
 //! ```
 //! Until the first command arrives the arm is held by its brakes and does not move.
 
-use super::bristles::Bristles;
 use super::delay::{Delay, MAX_DELAY};
 use super::elastic_joints::ElasticJoints;
 use super::encoder::Encoder;
@@ -50,8 +49,6 @@ pub struct SimulatedDriveSettings<const N: usize> {
     pub friction: bool,
     /// How it does near to a standstill; `None`: it changes its sign smoothly, as in the model.
     pub hard_friction: Option<HardFriction>,
-    /// Of rigid joints with hard friction: by how much they yield before they slip (LuGre), rad or m; `None`: not at all.
-    pub bristle_way: Option<f64>,
     /// Inertia of the rotors beyond that of the arm's file, as the joints feel it, kg m^2 or kg.
     pub rotor_inertia: SVector<f64, N>,
     /// By how much joints yield to their largest efforts, rad or m; `None`: they are rigid. The encoders are on the motors.
@@ -90,7 +87,6 @@ impl<const N: usize> Default for SimulatedDriveSettings<N> {
             substeps: 1,
             friction: true,
             hard_friction: None,
-            bristle_way: None,
             rotor_inertia: SVector::zeros(),
             wind_up: None,
             ripple: None,
@@ -125,7 +121,6 @@ pub struct SimulatedDrive<const N: usize> {
     mode: CommandMode,
     friction: bool,
     hard_friction: Option<HardFriction>,
-    bristles: Option<Bristles<N>>,
     elastic: Option<Box<ElasticJoints<N>>>,
     ripple: Option<TorqueRipple>,
     base: Option<ShakingBase>,
@@ -186,10 +181,6 @@ impl<const N: usize> SimulatedDrive<N> {
             mode: settings.mode,
             friction,
             hard_friction: settings.hard_friction,
-            bristles: settings
-                .hard_friction
-                .zip(settings.bristle_way)
-                .map(|(hard, way)| Bristles::new(hard, way)),
             robot: true_arm,
             nominal,
             effort_limits: settings.effort_limits,
@@ -265,25 +256,22 @@ impl<const N: usize> SimulatedDrive<N> {
         let tau = tau + outside;
         let v = self.qd;
         // The friction of the step's beginning acts throughout; what it changes by is settled at the end.
-        let friction = match (self.friction, self.hard_friction, &self.bristles) {
-            (false, ..) => SVector::zeros(),
-            (true, None, _) => self.robot.friction_torque(&v),
-            (true, Some(_), Some(bristles)) => bristles.torque(&self.robot, &v),
-            (true, Some(hard), None) => hard.torque(&self.robot, &v),
+        let friction = match (self.friction, self.hard_friction) {
+            (false, _) => SVector::zeros(),
+            (true, None) => self.robot.friction_torque(&v),
+            (true, Some(hard)) => hard.torque(&self.robot, &v),
         };
         let before = self.q;
         (self.q, self.qd) = self.robot.integrate(&self.q, &v, &(tau - friction), h);
         if self.friction {
             let smooth = self.qd;
             let impulse = friction * h;
-            let momentum = (&smooth, &impulse);
-            self.qd = match (self.hard_friction, &mut self.bristles) {
-                (None, _) => after_friction(&self.robot, &self.q, v, momentum, h),
-                (Some(_), Some(bristles)) => bristles.after(&self.robot, &self.q, &v, momentum, h),
-                (Some(hard), None) => hard.after(&self.robot, &self.q, &v, momentum, h),
+            self.qd = match self.hard_friction {
+                None => after_friction(&self.robot, &self.q, v, (&smooth, &impulse), h),
+                Some(hard) => hard.after(&self.robot, &self.q, &v, (&smooth, &impulse), h),
             };
             self.q += (self.qd - smooth) * (h / 2.0);
-            if self.hard_friction.is_some() && self.bristles.is_none() {
+            if self.hard_friction.is_some() {
                 // What is held does not creep, not even by the last digits.
                 (0..N).filter(|i| v[*i] == 0.0 && self.qd[*i] == 0.0).for_each(|i| self.q[i] = before[i]);
             }

@@ -20,11 +20,9 @@ use nalgebra::{Matrix4, SVector, Vector4};
 /// Ticks of a window. Chosen by hand: half of it would take four times the noise of coarse encoders, and double would find a rotor when the arm has already
 /// accelerated for as long as it takes to fall behind.
 const WINDOW: u32 = 10;
-/// Standard deviation of a rotor's inertia beyond the model, in units of the one that is [likely](crate::robot::JointLimits::likely_rotor). Derived from that estimate, which is good to a factor of 2.5.
+/// Standard deviation of a rotor's inertia beyond the model, in units of the one that is [likely](crate::robot::JointLimits::likely_rotor), beside once the joint's own
+/// inertia. Derived from that estimate, which is good to a factor of 2.5.
 const LIKELY: f64 = 2.0;
-/// The same in units of the joint's own inertia. Derived: rotors of up to three times that are looked for; with once, a SCARA whose shoulder has 2.7 times its inertia was
-/// stopped as touched before they were found.
-const OWN: f64 = 3.0;
 /// Time in which the largest effort takes a joint with the largest rotor that is believed to 1 rad/s or 1 m/s, s. Chosen by hand: a joint that is slower than this is no arm's.
 const BELIEVED_S: f64 = 0.5;
 /// Standard deviation of the delay from command to effect, s. Chosen by hand: drives of up to 5 ms are known.
@@ -102,7 +100,7 @@ impl<const N: usize> RotorEstimator<N> {
     pub(super) fn new(robot: &Robot<N>, own: &SVector<f64, N>) -> Self {
         let joint = |i: usize| {
             let effort = robot.limits()[i].effort;
-            let rotor = LIKELY * robot.limits()[i].likely_rotor() + OWN * own[i];
+            let rotor = LIKELY * robot.limits()[i].likely_rotor() + own[i];
             let viscous = robot.friction()[i].viscous + FRICTION * effort;
             let sd = Vector4::new(CONSTANT * effort, rotor, viscous, DELAY_S);
             RotorFilter {

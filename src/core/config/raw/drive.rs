@@ -61,8 +61,6 @@ table! {
         static_friction_ratio: f64 = 1.2,
         /// Of hard friction: speed over which the one becomes the other (Stribeck), rad/s or m/s.
         stribeck_speed_rad_s_or_m_s: f64 = 0.05,
-        /// Of hard friction in rigid joints: by how much a joint yields, and springs back, before it slips (LuGre), rad or m; 0: not at all.
-        bristle_way_rad_or_m: f64 = 0.0,
         /// Coulomb friction beyond that of the robot file, as a share of each joint's effort limit.
         untold_coulomb_share: f64 = 0.0,
         /// Spread of the friction over the joints: each has its own times 1 - spread to 1 + spread, by the seed.

@@ -25,12 +25,6 @@ pub(super) fn drive(
         substeps: check.count("drive.simulated.substeps", s.substeps, 1..=100),
         friction: s.friction,
         hard_friction: hard_friction(s, check),
-        bristle_way: Some(check.range(
-            "drive.simulated.bristle_way_rad_or_m",
-            s.bristle_way_rad_or_m,
-            0.0..=0.01,
-        ))
-        .filter(|way| *way > 0.0),
         untold_coulomb_share: check.range(
             "drive.simulated.untold_coulomb_share",
             s.untold_coulomb_share,

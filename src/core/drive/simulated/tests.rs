@@ -145,39 +145,6 @@ fn static_friction_holds_and_the_stribeck_curve_brakes() {
     assert_eq!(push(&mut drive, 0.0).1, 0.0, "it stands for good");
 }
 
-/// Bristles: a joint that is pushed by less than its friction yields by as much as its bristles bend, springs back when it is let go, slips under more, and no energy comes from nowhere.
-#[test]
-fn a_joint_with_bristles_yields_and_springs_back() {
-    let robot: Robot<7> = crate::robot::load("xarm7").unwrap().build().unwrap();
-    let q = SVector::from([-0.1, -0.4, -0.2, 1.5, 0.0, 1.8, 0.1]);
-    let hard_friction = Some(HardFriction { static_ratio: 1.3, stribeck_speed: 0.05 });
-    let way = 2e-4;
-    let settings = Settings { hard_friction, bristle_way: Some(way), ..Settings::default() };
-    let mut drive = SimulatedDrive::new(robot.clone(), q, settings).unwrap();
-    let mut push = |torque: f64, ticks: std::ops::Range<i64>| {
-        let mut state = drive.read(MonoNs(ticks.start * 1_000_000));
-        for k in ticks {
-            let mut tau = robot.gravity(&state.q);
-            tau[6] += torque;
-            let zero = SVector::zeros();
-            drive.write(&DriveCommand { tau, q_r: state.q, qd_r: zero, qdd_r: zero });
-            state = drive.read(MonoNs((k + 1) * 1_000_000));
-        }
-        (state.q[6] - q[6], drive.energy_j())
-    };
-    // The friction of the file is 1 N m.
-    let (bent, _) = push(0.6, 0..1000);
-    assert!((bent - 0.6 * way).abs() < 0.05 * way, "{bent}");
-    let (back, rested) = push(0.0, 1000..2000);
-    assert!(back.abs() < 0.02 * way, "{back}");
-    let (_, later) = push(0.0, 2000..4000);
-    assert!((later - rested).abs() < 1e-6, "{rested} {later}");
-    let (holds, _) = push(1.2, 4000..5000);
-    assert!(holds < 1.3 * way, "static friction holds: {holds}");
-    let (slips, _) = push(1.5, 5000..6000);
-    assert!(slips > 0.1, "{slips}");
-}
-
 #[test]
 fn hard_friction_never_drives() {
     let robot = arm::<7>("xarm7").with_gravity(Vector3::zeros());
