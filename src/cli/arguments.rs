@@ -4,6 +4,7 @@
 use super::calibrate::Calibration;
 pub use super::camera_arguments::CameraArguments;
 use super::explain::{ExplainArguments, ReportArguments};
+use super::layouts::LayoutLanguage;
 use super::place_arguments::{PlaceArguments, ViewArguments};
 use super::tool_arguments::{PoseArguments, ProcessArguments, StereoCommand};
 use super::{
@@ -13,7 +14,6 @@ use super::{
     tune::TuneArguments, watch::WatchArguments,
 };
 use crate::camera_model::Response;
-use crate::export::LayoutLanguage;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use clap_complete::engine::{ArgValueCandidates, ArgValueCompleter};
 use std::path::PathBuf;

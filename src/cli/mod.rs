@@ -22,6 +22,7 @@ mod emulate_franka;
 mod explain;
 mod export;
 mod faults;
+mod layouts;
 mod man;
 mod misspelt;
 mod monitor;
@@ -64,6 +65,7 @@ pub use emulate_franka::EmulateFrankaArguments;
 pub use explain::{ExplainArguments, ReportArguments};
 pub use export::{ExportArguments, ExportFor};
 pub use faults::FaultsArguments;
+pub use layouts::LayoutLanguage;
 pub use monitor::MonitorArguments;
 pub use place_arguments::{LookArgument, PlaceArguments, ViewArguments};
 pub use record::RecordArguments;
@@ -79,7 +81,6 @@ pub use watch::WatchArguments;
 use crate::config::assemble::require_controllable;
 use crate::config::{Config, Draft};
 use crate::experiment;
-use crate::export::layouts;
 use crate::input::printable;
 use crate::ipc::{Instance, Role};
 use crate::messages::CameraId;
@@ -157,7 +158,7 @@ pub fn main() -> ExitCode {
         }
         Some(Command::Emulate { what }) => emulate::emulate(&what),
         Some(Command::Config { name, list }) => shipped_file::shipped_file(name.as_deref(), list),
-        Some(Command::Layouts { lang }) => Ok(shown(&layouts(lang), 0)),
+        Some(Command::Layouts { lang }) => Ok(shown(&layouts::layouts(lang), 0)),
         Some(Command::Completions(arguments)) => completion::print_script(&arguments),
         Some(Command::Man(arguments)) => man::write_pages(&arguments),
     };

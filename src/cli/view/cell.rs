@@ -22,6 +22,10 @@ const FILLED: f64 = 0.8;
 /// How much farther than the arm's own size walls are drawn.
 const WALLS: f64 = 0.6;
 
+/// A normal along an axis of B, and how far away a wall along one is drawn, in units of the other walls' reach.
+const ALONG: f64 = 0.9999;
+const NEAR: f64 = 4.0;
+
 /// Lines, spheres and words in B.
 #[derive(Default)]
 struct CellLines {
@@ -71,8 +75,18 @@ fn cell_of<const N: usize>(
         cell.plate(&config.target, &(config.camera.mount.X_WC(robot, &start) * view.X_CO));
     }
     let (low, high) = cell.bounds();
-    let walls = WALLS * (high - low).max();
-    cell.walls(&space.sides, low - Vector3::repeat(walls), high + Vector3::repeat(walls));
+    let walls = Vector3::repeat(WALLS * (high - low).max());
+    let (mut least, mut most) = (low - walls, high + walls);
+    // Walls along the axes of B that are not far away are seen whole.
+    for side in &space.sides {
+        let i = side.normal.iamax();
+        let at = side.offset_m * side.normal[i];
+        if side.normal[i].abs() > ALONG && (low[i] - NEAR * walls[i]..high[i] + NEAR * walls[i]).contains(&at)
+        {
+            (least[i], most[i]) = (least[i].min(at), most[i].max(at));
+        }
+    }
+    cell.walls(&space.sides, least, most);
     cell
 }
 

@@ -258,13 +258,13 @@ fn an_arm_beyond_a_plane_may_rest_and_come_back() {
         assert_eq!(guardian.command(&slid(k, 0.5, 0.0)), None, "rests");
     }
     for k in 100..300 {
-        assert_eq!(guardian.command(&slid(k, 0.5 - 1e-3 * (k - 100) as f64, -1.0)), None, "comes back");
+        assert_eq!(guardian.command(&slid(k, 0.5 - 1e-3 * (k - 100) as f64, -0.01)), None, "comes back");
     }
     for k in 300..400 {
         assert_eq!(guardian.command(&slid(k, 0.3, 0.0)), None, "rests inside");
     }
     // What was allowed there is not any more.
-    assert!((400..560).any(|k| guardian.command(&slid(k, 0.3 + 1e-3 * (k - 400) as f64, 1.0)).is_some()));
+    assert!((400..560).any(|k| guardian.command(&slid(k, 0.3 + 1e-3 * (k - 400) as f64, 0.01)).is_some()));
 }
 
 #[test]

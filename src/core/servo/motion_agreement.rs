@@ -7,6 +7,7 @@
 //! ```text
 //! X(R) = R^-1 X R
 //! ```
+//! The same of an image in which left and right, or above and below, are exchanged: there `R` is a reflection.
 //! Where one of the latter is seen and the former is not, whatever the depth is, the mount is wrong. Errors of lens and stamps, or an object that moves, look like none of them.
 
 use super::{SetPoint, View};
@@ -51,7 +52,7 @@ const TURNED: f64 = 1.2;
 pub enum MountError {
     /// The camera is turned about its optical axis against `camera.mount`, by so many quarters, 1 to 3.
     Turned(u8),
-    /// Its axes are others, or have other signs.
+    /// Its axes are others, or have other signs, or its images are mirrored.
     OtherAxes,
 }
 
@@ -136,8 +137,10 @@ impl MotionAgreement {
             feature_motion(&base, &X_CB, view, set_point).map_or(left, |motion| motion.left)
         };
         let left = (-DEPTHS..=DEPTHS).map(of_depth).fold(left, f64::min);
-        let least = wrong_mounts().filter_map(|(R, error)| {
-            let motion = feature_motion(&base, &(R.inv_mul(&X_CB) * R), view, set_point)?;
+        let turned = wrong_mounts().map(|(R, error)| (R.inv_mul(&X_CB) * R, error));
+        let mirrored = [0, 1].map(|axis| (mirrored(&X_CB, axis), Some(MountError::OtherAxes)));
+        let least = turned.chain(mirrored).filter_map(|(X_CB, error)| {
+            let motion = feature_motion(&base, &X_CB, view, set_point)?;
             Some((motion.left, error))
         });
         let best = least.min_by(|(a, _), (b, _)| a.total_cmp(b));
@@ -200,6 +203,16 @@ fn wrong_mounts() -> impl Iterator<Item = (Pose, Option<MountError>)> {
     about_z.chain(others)
 }
 
+/// The motion that is seen in images in which this axis, 0 for x and 1 for y, is reversed: a reflection about it on both sides.
+fn mirrored(X: &Pose, axis: usize) -> Pose {
+    let (mut t, mut r) = (X.translation.vector, X.rotation.scaled_axis());
+    // A rotation vector is an axial one: a reflection keeps its component along the axis, and reverses the others.
+    t[axis] = -t[axis];
+    r = -r;
+    r[axis] = -r[axis];
+    Pose::new(t, r)
+}
+
 /// How the features have moved since another view: mean squares over them, normalized coordinates.
 struct FeatureMotion {
     /// How far the camera's motion should have moved them, and how far they have; root mean squares.
@@ -229,172 +242,4 @@ fn feature_motion(base: &View, X_CB: &Pose, view: &View, set_point: &SetPoint) -
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::sim::perfect_measurement;
-    use nalgebra::Point3;
-
-    const POINTS: [(f64, f64); 4] = [(0.0, 0.0), (0.1, 0.0), (0.1, 0.1), (0.0, 0.1)];
-
-    /// What is said of a camera that goes by `step` (m) and turns by `turn` (rad) in each of 40 images, and is believed to be turned otherwise about itself
-    /// by `wrong`, while the object goes by `away` (m): whether it is judged, and how the mount is wrong.
-    fn judged(step: [f64; 3], turn: [f64; 3], wrong: [f64; 3], away: [f64; 3]) -> (bool, Option<MountError>) {
-        let points = POINTS.map(|(x, y)| Point3::new(x, y, 0.0));
-        let goal = Pose::new([-0.05, -0.05, 0.4].into(), [0.0; 3].into());
-        let set_point = SetPoint::from_pose(&goal, &points).unwrap();
-        let mount = Pose::new(Vector3::zeros(), wrong.into());
-        let mut agreement = MotionAgreement::default();
-        agreement.begin();
-        for k in 0..40i64 {
-            let by = |a: [f64; 3]| Vector3::from(a) * k as f64;
-            let camera = Pose::new(by(step), by(turn));
-            let object = Pose::new(by(away), Vector3::zeros()) * goal;
-            let time = MonoNs(k * 40_000_000);
-            let seen = perfect_measurement(&points, &camera.inv_mul(&object), MonoNs::ZERO).unwrap();
-            // The true camera is turned by the opposite against the one that is believed.
-            agreement.note(time, &View::of(&seen, &set_point).unwrap(), &(camera * mount), &set_point);
-        }
-        (agreement.is_judged(), agreement.error())
-    }
-
-    #[test]
-    fn cameras_that_are_mounted_turned_are_told() {
-        for (step, turn) in [
-            ([0.003, 0.001, 0.0], [0.0; 3]),
-            ([-0.001, 0.004, 0.003], [0.0, 0.01, 0.01]),
-            ([0.001, 0.001, -0.004], [0.004, -0.01, 0.0]),
-        ] {
-            for (degrees, quarters) in
-                [(-180.0, 2), (-120.0, 1), (-90.0, 1), (90.0, 3), (150.0, 2), (180.0f64, 2)]
-            {
-                let wrong = [0.0, 0.0, degrees.to_radians()];
-                let told = Some(MountError::Turned(quarters));
-                assert_eq!(judged(step, turn, wrong, [0.0; 3]), (true, told), "{degrees} {step:?}");
-            }
-            for degrees in [-50.0, -20.0, 0.0, 5.0, 40.0, 60.0f64] {
-                let wrong = [0.0, 0.0, degrees.to_radians()];
-                assert_eq!(judged(step, turn, wrong, [0.0; 3]).1, None, "{degrees} {step:?}");
-            }
-        }
-        assert_eq!(judged([0.0, 0.003, 0.0], [0.0; 3], [0.3, -0.3, 0.2], [0.0; 3]).1, None);
-    }
-
-    #[test]
-    fn cameras_with_other_axes_are_told() {
-        for (step, turn) in [([0.001, 0.003, 0.002], [0.0; 3]), ([-0.001, 0.004, 0.003], [0.004, 0.01, 0.01])]
-        {
-            for wrong in [[90.0, 0.0, 0.0], [0.0, -90.0, 0.0], [180.0, 0.0, 0.0], [0.0, 180.0, 0.0f64]] {
-                let wrong = wrong.map(f64::to_radians);
-                let told = judged(step, turn, wrong, [0.0; 3]);
-                assert_eq!(told, (true, Some(MountError::OtherAxes)), "{wrong:?} {step:?}");
-            }
-        }
-    }
-
-    /// A target that is larger or smaller than it is believed: the way of the camera is another part of its distance.
-    #[test]
-    fn wrong_depths_are_no_turns() {
-        let points = POINTS.map(|(x, y)| Point3::new(x, y, 0.0));
-        let goal = Pose::new([-0.05, -0.05, 0.4].into(), [0.0; 3].into());
-        let set_point = SetPoint::from_pose(&goal, &points).unwrap();
-        for scale in [0.2, 0.5, 2.0, 5.0] {
-            for (step, turn) in [
-                ([0.003, 0.001, 0.0], [0.0, 0.003, 0.0]),
-                ([0.003, 0.001, 0.0], [0.0, -0.006, 0.0]),
-                ([-0.001, 0.004, 0.003], [0.01, 0.01, 0.02]),
-                ([0.002, 0.002, -0.004], [-0.004, 0.004, 0.0]),
-            ] {
-                let mut agreement = MotionAgreement::default();
-                agreement.begin();
-                for k in 0..40i64 {
-                    let by = |a: [f64; 3]| Vector3::from(a) * k as f64;
-                    let time = MonoNs(k * 40_000_000);
-                    let camera = Pose::new(by(step), by(turn));
-                    let seen = perfect_measurement(&points, &camera.inv_mul(&goal), MonoNs::ZERO).unwrap();
-                    let believed = Pose::new(by(step) * scale, by(turn));
-                    agreement.note(time, &View::of(&seen, &set_point).unwrap(), &believed, &set_point);
-                }
-                assert_eq!(agreement.error(), None, "{scale} {step:?} {turn:?}");
-            }
-        }
-    }
-
-    #[test]
-    fn motion_along_the_optical_axis_tells_nothing_of_turns() {
-        assert_eq!(judged([0.0, 0.0, 0.004], [0.0, 0.0, 0.01], [0.0, 0.0, 3.0], [0.0; 3]), (true, None));
-    }
-
-    /// An object that somebody moves by hand, and an arm that follows it with a lag: for a moment the image is where a camera that is turned by 180 degrees would have it.
-    #[test]
-    fn an_object_that_is_followed_is_no_turned_camera() {
-        let points = POINTS.map(|(x, y)| Point3::new(x, y, 0.0));
-        let goal = Pose::new([-0.05, -0.05, 0.4].into(), [0.0; 3].into());
-        let set_point = SetPoint::from_pose(&goal, &points).unwrap();
-        for speed_m_s in [0.01, 0.03, 0.1, 0.3] {
-            for lag_s in [0.05, 0.07, 0.1, 0.2, 0.5] {
-                for (rate_hz, jump_m) in [(25, 0.0), (100, 0.0), (25, 0.03), (100, 0.01)] {
-                    let mut agreement = MotionAgreement::default();
-                    agreement.begin();
-                    for k in 0..2 * rate_hz {
-                        let t = k as f64 / rate_hz as f64 - 0.3;
-                        let s = t.max(0.0);
-                        let at = speed_m_s * s + if t >= 0.0 { jump_m } else { 0.0 };
-                        let decay = (-s / lag_s).exp();
-                        let camera = speed_m_s * (s - lag_s * (1.0 - decay)) + jump_m * (1.0 - decay);
-                        let camera = Pose::new(Vector3::x() * camera, Vector3::zeros());
-                        let object = Pose::new(Vector3::x() * at, Vector3::zeros()) * goal;
-                        let time = MonoNs(k * 1_000_000_000 / rate_hz);
-                        let seen = perfect_measurement(&points, &camera.inv_mul(&object), time).unwrap();
-                        agreement.note(time, &View::of(&seen, &set_point).unwrap(), &camera, &set_point);
-                    }
-                    assert_eq!(
-                        agreement.error(),
-                        None,
-                        "{speed_m_s} m/s, {lag_s} s, {rate_hz} Hz, {jump_m} m"
-                    );
-                }
-            }
-        }
-    }
-
-    /// What is moved by hand while the arm waits says nothing of the mount, before or after; one that has agreed stays so.
-    #[test]
-    fn an_object_that_is_put_elsewhere_before_a_start_hides_nothing() {
-        let points = POINTS.map(|(x, y)| Point3::new(x, y, 0.0));
-        let goal = Pose::new([-0.05, -0.05, 0.4].into(), [0.0; 3].into());
-        let set_point = SetPoint::from_pose(&goal, &points).unwrap();
-        let mut agreement = MotionAgreement::default();
-        let mut k = 0;
-        let mut see = |agreement: &mut MotionAgreement, object: f64, camera: f64, turn: f64| {
-            let camera = Pose::new(Vector3::x() * camera, Vector3::zeros());
-            let object = Pose::new(Vector3::y() * object, Vector3::zeros()) * goal;
-            let time = MonoNs(k * 40_000_000);
-            k += 1;
-            let seen = perfect_measurement(&points, &camera.inv_mul(&object), time).unwrap();
-            let believed = camera * Pose::new(Vector3::zeros(), Vector3::z() * turn);
-            agreement.note(time, &View::of(&seen, &set_point).unwrap(), &believed, &set_point);
-        };
-        for wrong in [TAU / 2.0, 0.0] {
-            for i in 0..10 {
-                see(&mut agreement, 0.01 * f64::from(i), 0.0, wrong);
-                assert!(agreement.interrupt() && !agreement.is_judged());
-            }
-            agreement.begin();
-            (0..10).for_each(|i| see(&mut agreement, 0.09, 2e-3 * f64::from(i), wrong));
-            let told = (wrong > 0.0).then_some(MountError::Turned(2));
-            assert_eq!((agreement.is_judged(), agreement.error()), (true, told), "{wrong}");
-            assert_eq!(agreement.interrupt(), wrong > 0.0);
-        }
-        (0..10).for_each(|i| see(&mut agreement, 0.01 * f64::from(i), 0.0, 0.0));
-        assert!(agreement.is_judged() && agreement.error().is_none() && !agreement.interrupt());
-    }
-
-    #[test]
-    fn an_arm_at_rest_and_an_object_that_moves_contradict_nothing() {
-        assert_eq!(judged([0.0; 3], [0.0; 3], [0.0; 3], [0.02, 0.0, 0.0]), (true, None));
-        assert_eq!(judged([0.001, 0.0, 0.0], [0.0; 3], [0.0; 3], [0.02, 0.0, 0.0]).1, None);
-        assert_eq!(judged([0.001, 0.0, 0.0], [0.0, 0.002, 0.0], [0.0; 3], [0.003, 0.02, 0.01]).1, None);
-        // Stamps that are late: the image has hardly moved yet.
-        assert_eq!(judged([0.01, 0.0, 0.0], [0.0; 3], [0.0; 3], [0.0099, 0.0, 0.0]), (true, None));
-    }
-}
+mod tests;

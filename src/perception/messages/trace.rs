@@ -137,7 +137,7 @@ mod tests {
     #[test]
     #[allow(unsafe_code)]
     fn the_layout_is_fixed_and_named() {
-        assert_eq!((size_of::<TraceMsg>(), align_of::<TraceMsg>()), (768, 8));
+        assert_eq!((size_of::<TraceMsg>(), align_of::<TraceMsg>()), (760, 8));
         assert_eq!(offset_of!(TraceMsg, arm), 88);
         assert_eq!(offset_of!(TraceMsg, limits), 128);
         assert_eq!(offset_of!(TraceMsg, q), 144);

@@ -71,11 +71,14 @@ fn run(truth: &TrueCell, told: &Mount, amplitude: f64, random: &mut Random) -> R
 }
 
 fn drawn(told: &Mount, random: &mut Random) -> TrueCell {
-    let mut at = SVector::<f64, 19>::from_fn(|k, _| PRIOR[k] * random.gaussian());
-    at.fixed_rows_mut::<6>(11).fill(0.0);
-    // Half of the draws that are farther off would turn the target out of view.
-    let camera = lens_at(&camera(), &Vector5::from(at.fixed_rows::<5>(0))).unwrap();
-    TrueCell { camera, mount: mount_of(told, &at), stamps_s: at[17], size: at[18].exp() }
+    loop {
+        let mut at = SVector::<f64, 19>::from_fn(|k, _| PRIOR[k] * random.gaussian());
+        at.fixed_rows_mut::<6>(11).fill(0.0);
+        // Half of the draws that are farther off would turn the target out of view. Some lenses that are drawn are none.
+        if let Some(camera) = lens_at(&camera(), &Vector5::from(at.fixed_rows::<5>(0))) {
+            return TrueCell { camera, mount: mount_of(told, &at), stamps_s: at[17], size: at[18].exp() };
+        }
+    }
 }
 
 fn mount() -> Mount {

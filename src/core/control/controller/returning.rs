@@ -66,7 +66,8 @@ impl<const N: usize> Controller<N> {
         let ends = r.search.is_some() && ongoing.is_none();
         // Only one return for each loss of the view: noise about the end of the way back must not start another one. After a search the arm goes back once more.
         let goes = left.is_some() && (ends || !r.has_returned) && !is_late && may_leave;
-        let is_near = !goes || left.is_some_and(|left| left < NEAR);
+        // Not from where a way back was given up.
+        let is_near = left.is_none_or(|left| left < NEAR);
         let search = ongoing.or_else(|| self.search_begins(now, sees && is_near));
         self.returning.search = search;
         self.cue(if goes || search.is_some() { Cue::WayBack } else { Cue::Returned });

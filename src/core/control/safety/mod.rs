@@ -251,8 +251,8 @@ impl Fault {
                 "the reading of a joint's encoder stopped dead in its motion, as no joint does, and stays the same to the last digit: see to the encoder and its cable"
             }
             Self::CameraAxesExchanged => {
-                "the image moves as if the camera had other axes than camera.mount says, or some of other signs, so that the arm went away from its goal: see to \
-                 the frame of the mount (z along the optical axis, x to the right of the image, y down), or find it with `vservo calibrate hand-eye`"
+                "the image moves as if the camera had other axes than camera.mount says, or some of other signs, or as if it were mirrored, so that the arm went away from its goal: see to \
+                 the frame of the mount (z along the optical axis, x to the right of the image, y down), or find it with `vservo calibrate hand-eye`; switch the mirroring of images off"
             }
             Self::LeavesWorkspace => {
                 "a part of the arm is beyond a plane or box of [workspace], or in another part: lead it back by `vservo ctl goto` or `jog` after a reset, or correct the plane; \

@@ -13,6 +13,10 @@ pub const MAX_TARGETS: usize = 16;
 /// lens with 800 px. With half of it a target may be cut off by the image's border again when the arm has come back to within a milliradian; the double only
 /// makes the way longer.
 const ELSEWHERE: f64 = 0.02;
+/// An arm that moves by less than this from one view to the next, rad or m, rests. Chosen by hand: at 25 Hz a few hundredths of a radian in a second.
+const RESTS: f64 = 1e-3;
+/// Views of an arm at rest after which it stays where it is when the target is lost: it had it in view there for as long. Chosen by hand: a fifth of a second at 25 Hz.
+const RESTING_VIEWS: u32 = 5;
 /// So many measurements of another target that none of it was used of say that it is out of view. Chosen by hand: a single frame may be lost to a passing
 /// shadow, and three are 120 ms at 25 Hz, in which the arm brakes anyway.
 pub(super) const MISSES: u32 = 3;
@@ -26,6 +30,9 @@ pub(super) fn centre(points: &[Point3<f64>]) -> Point3<f64> {
 /// From where a target was seen whole, rad or m.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct SeenWhole<const N: usize> {
+    newest: SVector<f64, N>,
+    /// How many views in a row, the newest included, were taken by an arm that hardly moved.
+    resting: u32,
     /// A posture near the newest one, and one at which the arm was before, at least [`ELSEWHERE`] from it: where the newest is at the border of the view,
     /// that lies within.
     near: SVector<f64, N>,
@@ -36,11 +43,14 @@ pub(super) struct SeenWhole<const N: usize> {
 
 impl<const N: usize> SeenWhole<N> {
     fn at(q: SVector<f64, N>) -> Self {
-        Self { near: q, within: q, place: None }
+        Self { newest: q, resting: 1, near: q, within: q, place: None }
     }
 
     fn note(&mut self, q: SVector<f64, N>, place: Option<Point3<f64>>) {
         self.place = place;
+        let rests = (q - self.newest).amax() < RESTS;
+        self.resting = if rests { self.resting.saturating_add(1) } else { 1 };
+        self.newest = q;
         if (q - self.near).amax() > ELSEWHERE {
             (self.within, self.near) = (self.near, q);
         }
@@ -77,10 +87,12 @@ impl<const N: usize> VisualServo<N> {
         self.sought.is_some_and(|misses| misses >= MISSES) && self.posture_seen_whole().is_none()
     }
 
-    /// A posture shortly before the last one from which the goal's target was seen whole, rad or m: at the last one it may have been at the image's border.
+    /// From where the goal's target was seen whole, rad or m: where the arm rested when it lost it, or else a posture shortly before the last one, at which the target may have been at the
+    /// image's border.
     pub(super) fn posture_seen_whole(&self) -> Option<SVector<f64, N>> {
         let seen = self.q_whole.get(self.goal.target() as usize)?.as_ref()?;
-        Some(seen.within)
+        let stays = seen.resting >= RESTING_VIEWS && !self.looks_for_another();
+        Some(if stays { seen.newest } else { seen.within })
     }
 
     /// Where the middle of the goal's target was when it was last seen whole, in the frame W in which it rests, m, and a posture from which it was seen, rad or m.

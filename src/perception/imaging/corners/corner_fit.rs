@@ -202,7 +202,8 @@ impl CornerFitter {
         let mut normal = CornerEquations { matrix: [[0.0; COUNT]; COUNT], right: [0.0; COUNT], squares: 0.0 };
         for step in 0..MAX_STEPS {
             let at = Vector2::new(p[X] + middle[0], p[Y] + middle[1]);
-            let mut near = changed_px < NEAR_PX;
+            // where a pattern is nearly a wave, some parameters are hardly determined, and derivatives of elsewhere lead nowhere
+            let mut near = changed_px < NEAR_PX && !waves;
             // half a pixel, and some more so that it must not alternate
             if p[X].abs().max(p[Y].abs()) > 0.8 && reloads < 3 {
                 (reloads, near) = (reloads + 1, false);
@@ -240,7 +241,8 @@ impl CornerFitter {
             p[BLUR] = p[BLUR].clamp(*BLURS_PX.start(), *BLURS_PX.end());
             // of the edges at the window's end, and of their width
             let turned = f64::from(half) * delta[TURN_U].abs().max(delta[TURN_V].abs());
-            changed_px = size.max(turned).max(delta[BLUR].abs());
+            // twice for the width, by which the stated deviations go, too
+            changed_px = size.max(turned).max(2.0 * delta[BLUR].abs());
             let px = Vector2::new(p[X] + middle[0], p[Y] + middle[1]);
             if !((px - guess.px).norm() <= reach_px) {
                 return None;

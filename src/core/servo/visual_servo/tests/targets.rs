@@ -46,7 +46,9 @@ fn the_place_is_shown_where_it_is_wanted() {
         q += qd * 1e-3;
         s_d += rate * 1e-3;
     }
-    assert!((q - q_at(100)).amax() < 0.6, "{q}");
+    // This camera looks down, and is turned rather than moved: shoulder, elbow and lift hardly take part.
+    let moved = q - q_at(100);
+    assert!(moved.fixed_rows::<3>(0).amax() < 0.1 && moved.amax() < 1.5, "{moved}");
 }
 
 /// An arm that looks for a target again goes back to where it saw that one, once it is known to be out of view.

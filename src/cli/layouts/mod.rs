@@ -1,4 +1,4 @@
-//! What programs in other languages need in order to take part, as text that they include: the records with their fields' places, the
+//! `vservo layouts`: what programs in other languages need in order to take part, as text that they include: the records with their fields' places, the
 //! numbers that have names, and the services. All of it comes from the definitions that this program itself is built from.
 
 mod c;
@@ -31,8 +31,7 @@ pub enum LayoutLanguage {
 }
 
 /// All layouts as text.
-#[must_use]
-pub fn layouts(language: LayoutLanguage) -> String {
+pub(super) fn layouts(language: LayoutLanguage) -> String {
     match language {
         LayoutLanguage::C => c::header(),
         LayoutLanguage::Python => python::module(),

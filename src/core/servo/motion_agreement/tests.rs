@@ -1,0 +1,207 @@
+use super::*;
+use crate::sim::perfect_measurement;
+use nalgebra::Point3;
+
+const POINTS: [(f64, f64); 4] = [(0.0, 0.0), (0.1, 0.0), (0.1, 0.1), (0.0, 0.1)];
+
+/// What is said of a camera that goes by `step` (m) and turns by `turn` (rad) in each of 40 images, and is believed to be turned otherwise about itself
+/// by `wrong`, while the object goes by `away` (m): whether it is judged, and how the mount is wrong.
+fn judged(step: [f64; 3], turn: [f64; 3], wrong: [f64; 3], away: [f64; 3]) -> (bool, Option<MountError>) {
+    let points = POINTS.map(|(x, y)| Point3::new(x, y, 0.0));
+    let goal = Pose::new([-0.05, -0.05, 0.4].into(), [0.0; 3].into());
+    let set_point = SetPoint::from_pose(&goal, &points).unwrap();
+    let mount = Pose::new(Vector3::zeros(), wrong.into());
+    let mut agreement = MotionAgreement::default();
+    agreement.begin();
+    for k in 0..40i64 {
+        let by = |a: [f64; 3]| Vector3::from(a) * k as f64;
+        let camera = Pose::new(by(step), by(turn));
+        let object = Pose::new(by(away), Vector3::zeros()) * goal;
+        let time = MonoNs(k * 40_000_000);
+        let seen = perfect_measurement(&points, &camera.inv_mul(&object), MonoNs::ZERO).unwrap();
+        // The true camera is turned by the opposite against the one that is believed.
+        agreement.note(time, &View::of(&seen, &set_point).unwrap(), &(camera * mount), &set_point);
+    }
+    (agreement.is_judged(), agreement.error())
+}
+
+#[test]
+fn cameras_that_are_mounted_turned_are_told() {
+    for (step, turn) in [
+        ([0.003, 0.001, 0.0], [0.0; 3]),
+        ([-0.001, 0.004, 0.003], [0.0, 0.01, 0.01]),
+        ([0.001, 0.001, -0.004], [0.004, -0.01, 0.0]),
+    ] {
+        for (degrees, quarters) in
+            [(-180.0, 2), (-120.0, 1), (-90.0, 1), (90.0, 3), (150.0, 2), (180.0f64, 2)]
+        {
+            let wrong = [0.0, 0.0, degrees.to_radians()];
+            let told = Some(MountError::Turned(quarters));
+            assert_eq!(judged(step, turn, wrong, [0.0; 3]), (true, told), "{degrees} {step:?}");
+        }
+        for degrees in [-50.0, -20.0, 0.0, 5.0, 40.0, 60.0f64] {
+            let wrong = [0.0, 0.0, degrees.to_radians()];
+            assert_eq!(judged(step, turn, wrong, [0.0; 3]).1, None, "{degrees} {step:?}");
+        }
+    }
+    assert_eq!(judged([0.0, 0.003, 0.0], [0.0; 3], [0.3, -0.3, 0.2], [0.0; 3]).1, None);
+}
+
+#[test]
+fn cameras_with_other_axes_are_told() {
+    for (step, turn) in [([0.001, 0.003, 0.002], [0.0; 3]), ([-0.001, 0.004, 0.003], [0.004, 0.01, 0.01])] {
+        for wrong in [[90.0, 0.0, 0.0], [0.0, -90.0, 0.0], [180.0, 0.0, 0.0], [0.0, 180.0, 0.0f64]] {
+            let wrong = wrong.map(f64::to_radians);
+            let told = judged(step, turn, wrong, [0.0; 3]);
+            assert_eq!(told, (true, Some(MountError::OtherAxes)), "{wrong:?} {step:?}");
+        }
+    }
+}
+
+/// A target that is larger or smaller than it is believed: the way of the camera is another part of its distance.
+#[test]
+fn wrong_depths_are_no_turns() {
+    let points = POINTS.map(|(x, y)| Point3::new(x, y, 0.0));
+    let goal = Pose::new([-0.05, -0.05, 0.4].into(), [0.0; 3].into());
+    let set_point = SetPoint::from_pose(&goal, &points).unwrap();
+    for scale in [0.2, 0.5, 2.0, 5.0] {
+        for (step, turn) in [
+            ([0.003, 0.001, 0.0], [0.0, 0.003, 0.0]),
+            ([0.003, 0.001, 0.0], [0.0, -0.006, 0.0]),
+            ([-0.001, 0.004, 0.003], [0.01, 0.01, 0.02]),
+            ([0.002, 0.002, -0.004], [-0.004, 0.004, 0.0]),
+        ] {
+            let mut agreement = MotionAgreement::default();
+            agreement.begin();
+            for k in 0..40i64 {
+                let by = |a: [f64; 3]| Vector3::from(a) * k as f64;
+                let time = MonoNs(k * 40_000_000);
+                let camera = Pose::new(by(step), by(turn));
+                let seen = perfect_measurement(&points, &camera.inv_mul(&goal), MonoNs::ZERO).unwrap();
+                let believed = Pose::new(by(step) * scale, by(turn));
+                agreement.note(time, &View::of(&seen, &set_point).unwrap(), &believed, &set_point);
+            }
+            assert_eq!(agreement.error(), None, "{scale} {step:?} {turn:?}");
+        }
+    }
+}
+
+#[test]
+fn motion_along_the_optical_axis_tells_nothing_of_turns() {
+    assert_eq!(judged([0.0, 0.0, 0.004], [0.0, 0.0, 0.01], [0.0, 0.0, 3.0], [0.0; 3]), (true, None));
+}
+
+/// An object that somebody moves by hand, and an arm that follows it with a lag: for a moment the image is where a camera that is turned by 180 degrees would have it.
+#[test]
+fn an_object_that_is_followed_is_no_turned_camera() {
+    let points = POINTS.map(|(x, y)| Point3::new(x, y, 0.0));
+    let goal = Pose::new([-0.05, -0.05, 0.4].into(), [0.0; 3].into());
+    let set_point = SetPoint::from_pose(&goal, &points).unwrap();
+    for speed_m_s in [0.01, 0.03, 0.1, 0.3] {
+        for lag_s in [0.05, 0.07, 0.1, 0.2, 0.5] {
+            for (rate_hz, jump_m) in [(25, 0.0), (100, 0.0), (25, 0.03), (100, 0.01)] {
+                let mut agreement = MotionAgreement::default();
+                agreement.begin();
+                for k in 0..2 * rate_hz {
+                    let t = k as f64 / rate_hz as f64 - 0.3;
+                    let s = t.max(0.0);
+                    let at = speed_m_s * s + if t >= 0.0 { jump_m } else { 0.0 };
+                    let decay = (-s / lag_s).exp();
+                    let camera = speed_m_s * (s - lag_s * (1.0 - decay)) + jump_m * (1.0 - decay);
+                    let camera = Pose::new(Vector3::x() * camera, Vector3::zeros());
+                    let object = Pose::new(Vector3::x() * at, Vector3::zeros()) * goal;
+                    let time = MonoNs(k * 1_000_000_000 / rate_hz);
+                    let seen = perfect_measurement(&points, &camera.inv_mul(&object), time).unwrap();
+                    agreement.note(time, &View::of(&seen, &set_point).unwrap(), &camera, &set_point);
+                }
+                assert_eq!(agreement.error(), None, "{speed_m_s} m/s, {lag_s} s, {rate_hz} Hz, {jump_m} m");
+            }
+        }
+    }
+}
+
+/// What is moved by hand while the arm waits says nothing of the mount, before or after; one that has agreed stays so.
+#[test]
+fn an_object_that_is_put_elsewhere_before_a_start_hides_nothing() {
+    let points = POINTS.map(|(x, y)| Point3::new(x, y, 0.0));
+    let goal = Pose::new([-0.05, -0.05, 0.4].into(), [0.0; 3].into());
+    let set_point = SetPoint::from_pose(&goal, &points).unwrap();
+    let mut agreement = MotionAgreement::default();
+    let mut k = 0;
+    let mut see = |agreement: &mut MotionAgreement, object: f64, camera: f64, turn: f64| {
+        let camera = Pose::new(Vector3::x() * camera, Vector3::zeros());
+        let object = Pose::new(Vector3::y() * object, Vector3::zeros()) * goal;
+        let time = MonoNs(k * 40_000_000);
+        k += 1;
+        let seen = perfect_measurement(&points, &camera.inv_mul(&object), time).unwrap();
+        let believed = camera * Pose::new(Vector3::zeros(), Vector3::z() * turn);
+        agreement.note(time, &View::of(&seen, &set_point).unwrap(), &believed, &set_point);
+    };
+    for wrong in [TAU / 2.0, 0.0] {
+        for i in 0..10 {
+            see(&mut agreement, 0.01 * f64::from(i), 0.0, wrong);
+            assert!(agreement.interrupt() && !agreement.is_judged());
+        }
+        agreement.begin();
+        (0..10).for_each(|i| see(&mut agreement, 0.09, 2e-3 * f64::from(i), wrong));
+        let told = (wrong > 0.0).then_some(MountError::Turned(2));
+        assert_eq!((agreement.is_judged(), agreement.error()), (true, told), "{wrong}");
+        assert_eq!(agreement.interrupt(), wrong > 0.0);
+    }
+    (0..10).for_each(|i| see(&mut agreement, 0.01 * f64::from(i), 0.0, 0.0));
+    assert!(agreement.is_judged() && agreement.error().is_none() && !agreement.interrupt());
+}
+
+#[test]
+fn an_arm_at_rest_and_an_object_that_moves_contradict_nothing() {
+    assert_eq!(judged([0.0; 3], [0.0; 3], [0.0; 3], [0.02, 0.0, 0.0]), (true, None));
+    assert_eq!(judged([0.001, 0.0, 0.0], [0.0; 3], [0.0; 3], [0.02, 0.0, 0.0]).1, None);
+    assert_eq!(judged([0.001, 0.0, 0.0], [0.0, 0.002, 0.0], [0.0; 3], [0.003, 0.02, 0.01]).1, None);
+    // Stamps that are late: the image has hardly moved yet.
+    assert_eq!(judged([0.01, 0.0, 0.0], [0.0; 3], [0.0; 3], [0.0099, 0.0, 0.0]), (true, None));
+}
+
+/// A camera whose images are mirrored, before a target that is the same in a mirror: seen in every motion, and by no camera that sees as it should.
+#[test]
+fn mirrored_images_are_told() {
+    let points = POINTS.map(|(x, y)| Point3::new(x, y, 0.0));
+    let goal = Pose::new([-0.05, -0.05, 0.4].into(), [0.0; 3].into());
+    let set_point = SetPoint::from_pose(&goal, &points).unwrap();
+    for (step, turn) in [
+        ([1e-3, 0.0, 2e-4], [0.0; 3]),
+        ([3e-4, 6e-4, 0.0], [0.0, 0.0, 2e-3]),
+        ([5e-4, -5e-4, 3e-4], [1e-3, 1e-3, -1e-3]),
+    ] {
+        for axis in [None, Some(0), Some(1)] {
+            let mut agreement = MotionAgreement::default();
+            agreement.begin();
+            for k in 0..40i64 {
+                let by = |a: [f64; 3]| Vector3::from(a) * k as f64;
+                let camera = Pose::new(by(step), by(turn));
+                let X_CO = camera.inv_mul(&goal);
+                let mut seen = perfect_measurement(&points, &X_CO, MonoNs::ZERO).unwrap();
+                // Each feature where the mirror shows it; which is which is judged by nobody here.
+                let count = seen.feature_count as usize;
+                for point in seen.features.iter_mut().take(count) {
+                    match axis {
+                        Some(0) => point.x = -point.x,
+                        Some(_) => point.y = -point.y,
+                        None => {}
+                    }
+                }
+                agreement.note(
+                    MonoNs(k * 40_000_000),
+                    &View::of(&seen, &set_point).unwrap(),
+                    &camera,
+                    &set_point,
+                );
+            }
+            let error = axis.map(|_| MountError::OtherAxes);
+            assert_eq!(
+                (agreement.is_judged(), agreement.error()),
+                (true, error),
+                "{step:?} {turn:?} {axis:?}"
+            );
+        }
+    }
+}
