@@ -188,11 +188,12 @@ fn ask_all(instance: &Instance, questions: &Receiver<Question>) {
     loop {
         match questions.recv_timeout(Duration::from_secs_f64(LOOK_FOR_RUN.as_s())) {
             Ok((command, patience, tell)) => {
+                // Who comes when the run has just ended makes a place in what is gone, and finds nobody there.
+                has_joined = true;
                 let place = match joined.take() {
                     Some(place) => Ok(place),
                     None => join(instance, &patience),
                 };
-                has_joined |= place.is_ok();
                 let answer = place.and_then(|place| {
                     let (client, _) = joined.insert(place);
                     ask_here(instance, client, command, &patience)

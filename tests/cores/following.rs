@@ -175,7 +175,7 @@ fn a_target_that_stays_covered_is_looked_for_in_vain() {
         "servo.search_s=4",
         "goal.hold_s=60",
         "run.duration_s=14",
-        "scene.occluder={from_s=2.5, until_s=90, center_m=[0.05,0.05], size_m=[0.3,0.3], height_m=0.0}",
+        "scene.occluder={from_s=2.5, until_s=90, center_m=[0.05,0.05], size_m=[0.14,0.14], height_m=0.0}",
     ];
     let config = Config::load(Some(&path), &set.map(String::from)).unwrap();
     let (mut events, mut q) = (Vec::new(), Vec::new());
@@ -189,7 +189,8 @@ fn a_target_that_stays_covered_is_looked_for_in_vain() {
     .unwrap();
     assert_eq!(run.finish.reason, "run.duration_s is over: the target was lost");
     let loss = events.iter().position(|event| *event == Event::Holding).unwrap();
-    assert_eq!(events[loss..], [Event::Holding, Event::Returning, Event::Searching, Event::Returning]);
+    // It rests at the goal, so that it looks around from there.
+    assert_eq!(events[loss..], [Event::Holding, Event::Searching, Event::Returning]);
     let away = |k: usize| q[k].iter().zip(&q[q.len() - 1]).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
     assert!(away(q.len() - 2000) < 2e-3, "it stands at the end");
     assert!(away(2499) < 0.1 && (3000..7000).map(away).fold(0.0, f64::max) > 0.15, "{}", away(2499));

@@ -125,8 +125,8 @@ fn cameras_that_are_turned_less_go_on_as_they_were() {
     }
 }
 
-/// Frames with left and right exchanged, as webcams give them: where the target is none in a mirror nothing moves and it is told; a board that is one there, too, is
-/// stopped in its first centimetre.
+/// Frames with left and right exchanged, as webcams give them: where the target is none in a mirror nothing moves and it is told; what is one there, too, is
+/// stopped in its first centimetre and a half.
 #[test]
 fn mirrored_frames_are_told_before_the_arm_leaves() {
     let mirror = "faults=[{ kind = 'mirror', from_s = 0.0, duration_s = 100.0 }]".to_owned();
@@ -149,6 +149,6 @@ fn mirrored_frames_are_told_before_the_arm_leaves() {
             outcome != Outcome::Converged && reason.contains(words),
             "{file} {target:?}: {outcome:?}, {reason}"
         );
-        assert!(farthest < 0.012, "{file}: {farthest} m");
+        assert!(farthest < 0.015, "{file}: {farthest} m");
     }
 }
