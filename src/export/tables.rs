@@ -170,6 +170,9 @@ fn unit_of(field: &RecordField, i: usize, config: &Config) -> &'static str {
         },
         ("V_C", _) if i < 3 => "m_s",
         ("V_C", _) => "rad_s",
+        // of a joint that turns or slides
+        ("contact_torque", _) => "n_m_or_n",
+        ("contact_force", _) => "n",
         _ => "",
     }
 }

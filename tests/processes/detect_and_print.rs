@@ -243,6 +243,20 @@ fn tags_of_other_ids_are_named() {
     );
 }
 
+/// A flipped image of a tag is no tag, and is told as what it is.
+#[test]
+fn a_mirrored_image_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = printed(folder.path(), "tag:tag36h11:0.08:5", "tag.png");
+    let image = image::open(&path).unwrap().to_luma8();
+    image::imageops::flip_horizontal(&image).save(&path).unwrap();
+    shrunk(&path, 4);
+    let path = path.to_str().unwrap();
+    let told = ended(&["detect", path, "--target", "tag:tag36h11:0.08:5", "--json"]);
+    let answer = &answers(&told.out)[0];
+    assert_eq!(answer["status"], "mirrored", "{answer}");
+}
+
 #[test]
 fn a_paper_is_filled_or_refused() {
     let folder = tempfile::tempdir().unwrap();

@@ -355,7 +355,9 @@ impl Guardian {
         let measured = self.newest.map_or(commanded, |state| space.farthest(&state.q));
         let (beyond_m, sphere) = if measured.0 > commanded.0 { measured } else { commanded };
         if begins || !self.moves() {
-            (self.allowed_m, self.outside) = (beyond_m.max(0.0), 0);
+            // Less is what a motion from inside may come to: it would add up from one to the next.
+            let allowed_m = if beyond_m > BEYOND_M { beyond_m } else { 0.0 };
+            (self.allowed_m, self.outside) = (allowed_m, 0);
             return None;
         }
         let is_outside = beyond_m > self.allowed_m + BEYOND_M;

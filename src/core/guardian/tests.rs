@@ -289,3 +289,29 @@ fn control_that_moves_an_arm_that_tells_nothing_is_stopped() {
         assert!(matches!(finding, GuardianFinding::Blind { .. }));
     }
 }
+
+/// Each motion goes 4 mm farther out than the one before and ends in a rest: not farther than a single one may.
+#[test]
+fn rests_beyond_a_plane_do_not_add_up() {
+    let mut guardian = Guardian::new(with_a_wall());
+    let mut tick = 0;
+    let mut command = |x: f64, speed: f64, guardian: &mut Guardian| {
+        tick += 1;
+        guardian.command(&slid(tick, x, speed))
+    };
+    let mut stopped_at = None;
+    'motions: for motion in 1..5 {
+        let end = 0.4 + 4e-3 * f64::from(motion);
+        for k in 0..40 {
+            let x = end - 4e-3 * f64::from((20 - k).max(0)) / 20.0;
+            if command(x, 0.01, &mut guardian).is_some() {
+                stopped_at = Some(motion);
+                break 'motions;
+            }
+        }
+        for _ in 0..10 {
+            assert_eq!(command(end, 0.0, &mut guardian), None);
+        }
+    }
+    assert_eq!(stopped_at, Some(2));
+}

@@ -4,6 +4,7 @@
 //! or nothing in a single image; over a run the joints tell some of it, because they are metric. So views of the run are kept, with the joints about their exposures, and
 //! fitted at its end ([`crate::calibration::from_run`]). A goal that was taught is the same view with whatever lens, and has no such error.
 
+use super::model_error::drop_every_second;
 use super::{BelievedCell, DescriptionError};
 use crate::calibration::from_run::{
     CONFIDENCE, NEW_PX, RunCell, RunRefinement, RunViews, SeenPoint, SeenView, end_pose, refine_from_run,
@@ -73,11 +74,7 @@ impl<const N: usize> RunViewLog<N> {
             return;
         }
         if self.views.len() >= VIEWS {
-            let mut keep = false;
-            self.views.retain(|_| {
-                keep = !keep;
-                keep
-            });
+            drop_every_second(&mut self.views);
         }
         let newest = self.history.newest().unwrap_or(m.exposure);
         let states = std::array::from_fn(|k| {

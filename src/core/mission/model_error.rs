@@ -14,6 +14,15 @@ const VIEWS: usize = 24;
 /// right angle or twice the distance leaves 16 views.
 const OTHER_VIEW: f64 = 0.1;
 
+/// Makes room among views of a whole run: of the old ones as many are kept in each part of it.
+pub(super) fn drop_every_second<T>(views: &mut Vec<T>) {
+    let mut keep = false;
+    views.retain(|_| {
+        keep = !keep;
+        keep
+    });
+}
+
 /// Counts measurements with a model error, and keeps views.
 #[derive(Debug, Clone, Default)]
 pub struct ModelErrorLog {
@@ -64,11 +73,7 @@ impl ModelErrorLog {
             return;
         }
         if self.views.len() >= VIEWS {
-            let mut keep = false;
-            self.views.retain(|_| {
-                keep = !keep;
-                keep
-            });
+            drop_every_second(&mut self.views);
         }
         self.views.push(*m);
     }

@@ -92,7 +92,11 @@ impl Vision {
         if (image.width(), image.height()) != (i.width_px as usize, i.height_px as usize) {
             return Err(TargetStatus::WrongSize);
         }
-        self.finder.search(image, &mut self.searched.dots)?;
+        let Self { finder, searched, mirrored, .. } = self;
+        if let Err(status) = finder.search(image, &mut searched.dots) {
+            let finds = |image: &ImageView<'_>| finder.search(image, &mut searched.dots).is_ok();
+            return Err(mirrored.look_once(status, image, finds));
+        }
         self.finder.examine_occlusion(image, &mut self.searched.dots, &mut self.harmed);
         Ok(())
     }
