@@ -227,14 +227,16 @@ fn join(instance: &Instance, patience: &AnswerTimeout) -> Result<(CommandClient,
         Ok((services.command_client()?, services))
     };
     loop {
+        // Looked for before: a run that ends in between is gone at the next look, and nobody waits for one that has ended.
+        let there = find(instance);
         match join() {
             Ok(joined) => return Ok(joined),
-            Err(error) if error.is_crowded() => match patience.check(instance) {
+            Err(error) if error.is_crowded() => match there.and_then(|()| patience.check(instance)) {
                 Err(ProcessError::NoAnswer { .. }) => return Err(crowded(instance, error)),
                 over => over?,
             },
             // control makes the service soon after it has begun
-            Err(error) if error.is_too_early() => patience.check(instance)?,
+            Err(error) if error.is_too_early() => there.and_then(|()| patience.check(instance))?,
             Err(error) => return Err(error.into()),
         }
         std::thread::sleep(CROWDED);
@@ -263,5 +265,20 @@ fn ask_here(
         there?;
         patience.check(instance)?;
         std::thread::sleep(LOOK);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    /// Where the run ends between the look for it and joining it, nobody waits for what will not come.
+    #[test]
+    fn a_run_that_is_gone_before_it_is_joined_is_told_at_once() {
+        let instance: Instance = format!("reach-gone-{}", std::process::id()).parse().unwrap();
+        let patience = AnswerTimeout::begin(20.0, StopFlag::default());
+        let answer = ask(&instance, ControlCommand::default(), &patience);
+        assert!(matches!(answer, Err(ProcessError::NobodyThere(_))), "{answer:?}");
     }
 }
