@@ -28,6 +28,7 @@
 
 mod camera_correction;
 mod confirmed_friction;
+mod found_steps;
 mod friction;
 mod model_change;
 mod past;
@@ -42,6 +43,7 @@ use crate::servo::UnobservedMotion;
 use crate::time::{MonoNs, TICK};
 use camera_correction::CameraCorrection;
 use confirmed_friction::{ConfirmedFriction, FrictionResponse};
+use found_steps::FoundSteps;
 use friction::{FrictionShare, TorqueResidual};
 use nalgebra::SVector;
 use past::Past;
@@ -60,6 +62,12 @@ const CORRECTIONS: f64 = 2.0;
 /// with none of it a joint that creeps would be taken for one at rest until the next encoder step, with all of it single steps excite the arm.
 const BANDWIDTH_AT_REST: f64 = 0.2;
 const LEFT_TO_A_CAMERA: f64 = 0.5;
+/// The speed that a step may tell, rad/s or m/s: its size times the bandwidth of the velocity observer. Measured (`tests/cores/everything_at_once.rs`, with steps set to a size): with 2e-4 rad
+/// a bandwidth of 250 to 400 rad/s brings most arms home, with 5e-4 one of 150, with 1e-5 and less 400 and more.
+const STEP_SPEED: f64 = 0.08;
+/// Size of a step times the bandwidth at rest below which a step is no excitation, rad/s or m/s. Derived: a step moves the velocity by up to 0.7 of that, and a joint controller of 40 rad/s without overshoot
+/// then accelerates by 1 rad/s^2, a tenth of the limit.
+const QUIET: f64 = 0.018;
 /// Encoder steps per second from which on the disturbance is estimated at the full rate. Chosen by hand: one in ten ticks.
 const STEPS_TO_LEARN_1_S: f64 = 100.0;
 /// Encoder steps per second below which a velocity cannot be distinguished from standstill, for the sign of Coulomb friction. Chosen by
@@ -115,6 +123,9 @@ pub(super) struct Commanded<const N: usize> {
 #[derive(Debug, Clone)]
 pub(super) struct JointObserver<const N: usize> {
     settings: ObserverSettings<N>,
+    /// Step of each encoder, told or found, with its noise, rad or m.
+    steps: SVector<f64, N>,
+    found: FoundSteps<N>,
     /// Position and velocity at the last tick.
     state: Option<(SVector<f64, N>, SVector<f64, N>)>,
     commanded: Option<Commanded<N>>,
@@ -154,6 +165,8 @@ impl<const N: usize> JointObserver<N> {
         let zero = SVector::zeros();
         Self {
             settings,
+            steps: settings.encoder_step,
+            found: FoundSteps::default(),
             state: None,
             commanded: None,
             p: zero,
@@ -180,9 +193,9 @@ impl<const N: usize> JointObserver<N> {
         (&self.p, &self.t)
     }
 
-    /// Steps of the encoders, rad or m.
+    /// Steps of the encoders, told or found, rad or m.
     pub(super) fn encoder_step(&self) -> &SVector<f64, N> {
-        &self.settings.encoder_step
+        &self.steps
     }
 
     /// The share of the model's friction that is compensated.
@@ -275,9 +288,17 @@ impl<const N: usize> JointObserver<N> {
 
     /// What coarse encoders hide of an acceleration in a mean of `ticks`, as a torque, N m or N.
     pub(super) fn hidden_torque(&self, ticks: u32) -> SVector<f64, N> {
-        let settings = &self.settings;
-        let gain = STEP_GAIN * settings.velocity_rad_s / (f64::from(ticks) * TICK.as_s());
-        settings.encoder_step.component_mul(&settings.inertia) * gain
+        SVector::from_fn(|i, _| {
+            let gain = STEP_GAIN * self.bandwidth(i) / (f64::from(ticks) * TICK.as_s());
+            self.steps[i] * self.settings.inertia[i] * gain
+        })
+    }
+
+    /// The largest bandwidth of the velocity observer of joint `i`, rad/s: coarse steps allow less.
+    fn bandwidth(&self, i: usize) -> f64 {
+        let step = self.steps[i] - self.settings.encoder_noise[i];
+        let allowed = if step > 0.0 { STEP_SPEED / step } else { f64::INFINITY };
+        self.settings.velocity_rad_s.min(allowed)
     }
 
     /// Freezes the disturbance estimate as it is, or releases it.
@@ -294,7 +315,7 @@ impl<const N: usize> JointObserver<N> {
     pub(super) fn learn(&mut self, drift: &UnobservedMotion<N>, now: MonoNs) {
         let (true, Some((_, v))) = (self.settings.velocity_rad_s > 0.0, &mut self.state) else { return };
         let velocity = self.commanded.map_or(SVector::zeros(), |commanded| commanded.velocity);
-        let dv = self.camera.correction(drift, now, &self.settings.encoder_step, &velocity);
+        let dv = self.camera.correction(drift, now, &self.steps, &velocity);
         *v += dv;
         if !self.settled && self.settings.disturbance_rad_s > 0.0 {
             let most = &self.settings.max_acceleration;
@@ -322,6 +343,7 @@ impl<const N: usize> JointObserver<N> {
         q: &SVector<f64, N>,
         qd: &SVector<f64, N>,
     ) -> (SVector<f64, N>, SVector<f64, N>) {
+        self.found.note(q, &self.settings.encoder_step, &mut self.steps);
         let settings = &self.settings;
         let h = TICK.as_s();
         let (Some((q_before, v_before)), Some(commanded)) = (self.state, self.commanded) else {
@@ -336,7 +358,7 @@ impl<const N: usize> JointObserver<N> {
         }
         let learns = settings.disturbance_rad_s > 0.0 && !self.settled;
         if let Some(velocity) = commanded.reference.filter(|_| learns)
-            && self.untold.note(robot, &velocity, q, &settings.encoder_step)
+            && self.untold.note(robot, &velocity, q, &self.steps)
         {
             let untold = UntoldFriction::joints(robot);
             self.confirmed.probe_untold(&untold);
@@ -350,6 +372,7 @@ impl<const N: usize> JointObserver<N> {
             self.at_rest = (self.p, self.t);
         }
         let joints = self.friction(robot);
+        let bandwidths: [f64; N] = std::array::from_fn(|i| self.bandwidth(i));
         let trust = self.camera.trust();
         let probing = !self.believed && self.confirmed.is_probing();
         for i in 0..N {
@@ -359,16 +382,18 @@ impl<const N: usize> JointObserver<N> {
                 let v = v_before[i] + h * (commanded.u[i] + self.a[i]);
                 let predicted = q_before[i] + 0.5 * h * (v_before[i] + v);
                 // Between two steps nothing is known; noise has a mean, which the observer takes by its bandwidth.
-                let step = settings.encoder_step[i] - settings.encoder_noise[i];
+                let step = self.steps[i] - settings.encoder_noise[i];
                 let e = outside(q[i] - predicted, 0.5 * step);
-                let mut l = settings.velocity_rad_s;
+                let most = bandwidths[i];
+                let mut l = most;
                 if step > 0.0 {
                     let (steps_1_s, steps_off) = (commanded.velocity[i].abs() / step, e.abs() / step);
                     let least = BANDWIDTH_AT_REST * (1.0 - LEFT_TO_A_CAMERA * trust[i]);
+                    let least = least.max(QUIET / (step * l)).min(1.0);
                     l *= (CORRECTIONS * steps_1_s / l).max(steps_off - 0.5).clamp(least, 1.0);
                     rate *= (steps_1_s / STEPS_TO_LEARN_1_S).max(steps_off - 0.5).clamp(RATE_AT_REST, 1.0);
                 }
-                let share = l / settings.velocity_rad_s;
+                let share = l / most;
                 let m = ((share - ACCELERATION_FROM) / (1.0 - ACCELERATION_FROM)).max(0.0);
                 let (k_q, k_v, k_a) = ((2.0 + m) * l, (1.0 + 2.0 * m) * l * l, m * l * l * l);
                 q_now[i] = predicted + (k_q * h).min(1.0) * e;
@@ -376,7 +401,7 @@ impl<const N: usize> JointObserver<N> {
                 self.a[i] += h * (k_a * e - FORGET_RAD_S * self.a[i]);
             }
             let friction = &joints[i];
-            let width = STEPS_WIDE_1_S * settings.encoder_step[i];
+            let width = STEPS_WIDE_1_S * self.steps[i];
             let speed = (q_now[i] - q_before[i]) / h;
             let accelerated = v_now[i] - v_before[i] - h * commanded.u[i];
             let response = FrictionResponse {
@@ -386,7 +411,7 @@ impl<const N: usize> JointObserver<N> {
                 requested: commanded.w[i],
                 speed,
                 rests,
-                noise: (width, STEP_GAIN * settings.encoder_step[i] * settings.velocity_rad_s.powi(2)),
+                noise: (width, STEP_GAIN * self.steps[i] * bandwidths[i].powi(2)),
             };
             self.confirmed.note(i, friction, &response);
             let is_still = friction.coulomb > 0.0 && speed.abs() < STILL && commanded.slip[i].abs() > PULLED;

@@ -62,6 +62,11 @@ impl<const T: usize> ResidualModel<T> {
         (r - x.dot(&self.theta), (self.P * x).dot(x) + self.noise + self.drifted())
     }
 
+    /// The noise has at least the variance `least`.
+    pub(super) fn doubt(&mut self, least: f64) {
+        self.noise = self.noise.max(least);
+    }
+
     /// What was learnt of the term `k`.
     pub(super) fn learnt(&self, k: usize) -> f64 {
         self.theta.get(k).copied().unwrap_or(0.0)

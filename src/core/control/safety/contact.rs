@@ -114,7 +114,7 @@ impl<const N: usize> ContactWatch<N> {
     pub fn new(robot: &Robot<N>, joint_control: &JointController<N>, mode: CommandMode) -> Self {
         let observer = if mode == CommandMode::Torque {
             let hidden = |ticks| joint_control.hidden_torque(ticks);
-            Observer::Torque(Box::new(ExternalTorqueObserver::new(robot, hidden)))
+            Observer::Torque(Box::new(ExternalTorqueObserver::new(robot, joint_control.inertia(), hidden)))
         } else {
             let step = *joint_control.encoder_step();
             let moves = step.component_mul(joint_control.inertia()) * STEPS_1_S;
@@ -123,7 +123,7 @@ impl<const N: usize> ContactWatch<N> {
                 observer: Box::new(DriveLagObserver::new(step)),
                 last: None,
                 by_position: mode == CommandMode::Position,
-                torque: Box::new(ExternalTorqueObserver::new(robot, hidden)),
+                torque: Box::new(ExternalTorqueObserver::new(robot, joint_control.inertia(), hidden)),
                 has_torques: false,
             }
         };
@@ -165,6 +165,7 @@ impl<const N: usize> ContactWatch<N> {
             (Observer::Torque(observer), Some((state, command))) => {
                 let doubt = (&joint_control.payload_doubt(), &joint_control.rotor_doubt());
                 let tau = measured.unwrap_or(&command.tau);
+                observer.hide(|ticks| joint_control.hidden_torque(ticks));
                 observer.note(joint_control.carrying(robot), (&state.q, &state.qd), tau, doubt);
             }
             (Observer::Lag { observer, last, by_position, torque, has_torques }, Some((state, command))) => {
