@@ -234,12 +234,12 @@ impl<const N: usize> JointObserver<N> {
         if is_other { Friction { viscous: friction.viscous / share, ..friction } } else { friction }
     }
 
-    /// The inertia of joints that have been found to stick by friction that the file does not tell, kg m^2 or kg, 0 for the others.
-    pub(super) fn sticking_inertia(&self, robot: &Robot<N>) -> SVector<f64, N> {
-        SVector::from_fn(|i, _| {
-            let is_untold = robot.friction()[i].coulomb == 0.0;
-            if self.sticks[i] && is_untold { self.settings.inertia[i] } else { 0.0 }
-        })
+    /// The inertia of joints that have been found to stick, kg m^2 or kg, and the viscous friction that is compensated of them, N m s/rad or N s/m; 0 for the others.
+    pub(super) fn sticking_inertia(&self, robot: &Robot<N>) -> (SVector<f64, N>, SVector<f64, N>) {
+        let share = self.friction_share();
+        let of_stuck = |i: usize, value: f64| if self.sticks[i] { value } else { 0.0 };
+        let viscous = SVector::from_fn(|i, _| of_stuck(i, share[i] * self.friction_of(robot, i).viscous));
+        (SVector::from_fn(|i, _| of_stuck(i, self.settings.inertia[i])), viscous)
     }
 
     /// Whether joints have begun to be probed that were found to resist, so that the reference is to be set to the arm: true once.

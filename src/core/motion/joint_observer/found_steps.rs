@@ -32,12 +32,7 @@ impl<const N: usize> Default for FoundSteps<N> {
 
 impl<const N: usize> FoundSteps<N> {
     /// Takes in the readings of a tick, rad or m, and writes into `steps` those of the joints for which none is `told`: 0 where none is found.
-    pub(super) fn note(
-        &mut self,
-        q: &SVector<f64, N>,
-        told: &SVector<f64, N>,
-        steps: &mut SVector<f64, N>,
-    ) {
+    pub(super) fn note(&mut self, q: &SVector<f64, N>, told: &SVector<f64, N>, steps: &mut SVector<f64, N>) {
         for i in 0..N {
             let change = (q[i] - self.last[i]).abs();
             self.last[i] = q[i];
