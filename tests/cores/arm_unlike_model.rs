@@ -251,7 +251,7 @@ fn an_arm_that_swings_is_calmed_and_comes_home() {
         "drive.simulated.payload_kg=1.352",
         "drive.simulated.payload_com_m=[0.009, 0.018, 0.023]",
         "drive.simulated.encoder_step_rad_or_m=[0.0003237]",
-        "drive.simulated.command_delay_ticks=5",
+        "drive.simulated.command_delay_ticks=4",
         "robot.q_start_rad_or_m=[0.4380, -1.7158, 1.4321, -1.2782, -1.7964, 0.9637]",
         "run.seed=98828",
     ]

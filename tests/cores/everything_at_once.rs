@@ -131,8 +131,8 @@ struct End {
     error_mm: f64,
     error_px: f64,
     seconds: f64,
-    /// Whether nobody could have: a joint stood at its effort limit for long.
-    too_weak: bool,
+    /// Whether nobody could have: a joint stood at its effort limit for long, or the target is out of view at the start.
+    impossible: bool,
 }
 
 fn end_of_run(draw: &Draw) -> End {
@@ -173,7 +173,7 @@ fn end_of_run(draw: &Draw) -> End {
         error_mm,
         error_px,
         seconds: f64::from(ticks) * 1e-3,
-        too_weak,
+        impossible: too_weak || run.finish.reason.contains("never seen"),
     }
 }
 
@@ -217,10 +217,10 @@ fn campaign(draws: usize, seed: u64) -> Counts {
             let (drawn, end) = loop {
                 let drawn = draw(arm, mode, &mut random, &own);
                 let end = end_of_run(&drawn);
-                if !end.too_weak || end.outcome == Outcome::Converged {
+                if !end.impossible || end.outcome == Outcome::Converged {
                     break (drawn, end);
                 }
-                println!("{k:4} too weak: {} ({})", drawn.set.join(" "), end.reason);
+                println!("{k:4} impossible: {} ({})", drawn.set.join(" "), end.reason);
             };
             let converged = end.outcome == Outcome::Converged && end.is_there;
             let what = if converged { "good" } else { end.outcome.as_str() };

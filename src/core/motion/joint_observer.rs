@@ -22,10 +22,11 @@
 //! `a` is the acceleration that is not explained by the command, while the arm moves (`m` = 1). Without it, a load that makes a wrist five
 //! times as heavy as modelled would cause a velocity error that makes the arm oscillate. At rest `m` is 0.
 //!
-//! Encoder steps carry information about the motion only when they occur. So `l` and `r` fall with the speed of the reference, and rise when
-//! the position error exceeds a step: at rest the estimate is frozen, and single steps do not excite the arm. Within a step the camera
+//! Encoder steps carry information about the motion only when they occur. So `l` and `r` fall with the speed of the reference, `l` no further than steps are coarse, and rise when
+//! the position error exceeds a step: at rest the estimate is frozen, and single steps do not excite the arm. Steps that nobody told are [found](found_steps). Within a step the camera
 //! measures the motion ([`UnobservedMotion`]): the joint displacement between two exposures, minus the estimated one, is an error of `v^`.
 
+mod bandwidth;
 mod camera_correction;
 mod confirmed_friction;
 mod found_steps;
@@ -41,6 +42,7 @@ pub use settings::ObserverSettings;
 use crate::robot::{Friction, Robot};
 use crate::servo::UnobservedMotion;
 use crate::time::{MonoNs, TICK};
+use bandwidth::{QUIET, STEP_GAIN};
 use camera_correction::CameraCorrection;
 use confirmed_friction::{ConfirmedFriction, FrictionResponse};
 use found_steps::FoundSteps;
@@ -53,7 +55,7 @@ use untold_friction::UntoldFriction;
 // from the model, and bounds the share of runs that fail.
 
 /// Share of the full bandwidth above which the unexplained acceleration is estimated, and its decay rate, rad/s. Chosen by hand; the
-/// full bandwidth is 150 rad/s by default.
+/// full bandwidth is 400 rad/s by default.
 const ACCELERATION_FROM: f64 = 0.6;
 const FORGET_RAD_S: f64 = 100.0;
 /// Bandwidth of the velocity observer in units of the rate of encoder steps. Chosen by hand: a correction every half step.
@@ -62,20 +64,11 @@ const CORRECTIONS: f64 = 2.0;
 /// with none of it a joint that creeps would be taken for one at rest until the next encoder step, with all of it single steps excite the arm.
 const BANDWIDTH_AT_REST: f64 = 0.2;
 const LEFT_TO_A_CAMERA: f64 = 0.5;
-/// The speed that a step may tell, rad/s or m/s: its size times the bandwidth of the velocity observer. Measured (`tests/cores/everything_at_once.rs`, with steps set to a size): with 2e-4 rad
-/// a bandwidth of 250 to 400 rad/s brings most arms home, with 5e-4 one of 150, with 1e-5 and less 400 and more.
-const STEP_SPEED: f64 = 0.08;
-/// Size of a step times the bandwidth at rest below which a step is no excitation, rad/s or m/s. Derived: a step moves the velocity by up to 0.7 of that, and a joint controller of 40 rad/s without overshoot
-/// then accelerates by 1 rad/s^2, a tenth of the limit.
-const QUIET: f64 = 0.018;
 /// Encoder steps per second from which on the disturbance is estimated at the full rate. Chosen by hand: one in ten ticks.
 const STEPS_TO_LEARN_1_S: f64 = 100.0;
 /// Encoder steps per second below which a velocity cannot be distinguished from standstill, for the sign of Coulomb friction. Chosen by
 /// hand: one in five ticks.
 const STEPS_WIDE_1_S: f64 = 200.0;
-/// Acceleration that the velocity observer takes from an encoder step, in steps times the square of its bandwidth. Derived from its gain `1 + 2 m`, with
-/// `m` = 1.
-const STEP_GAIN: f64 = 3.0;
 /// Speed below which a joint stands, and speeds of its reference and of the decay of its error up to which it is left standing, rad/s or m/s.
 /// Chosen by hand: a tenth of the width over which friction changes its sign in smooth models, and four times that width; at 40 rad/s the error is
 /// then within 0.1 mrad. Where all joints were treated so, an xArm7 with hard friction hunted for 9 to 17 s with a quarter of it, and for 2 to 13 s with this.
@@ -193,11 +186,6 @@ impl<const N: usize> JointObserver<N> {
         (&self.p, &self.t)
     }
 
-    /// Steps of the encoders, told or found, rad or m.
-    pub(super) fn encoder_step(&self) -> &SVector<f64, N> {
-        &self.steps
-    }
-
     /// The share of the model's friction that is compensated.
     pub(super) fn friction_share(&self) -> SVector<f64, N> {
         let share = self.friction.share().add_scalar(1.0).component_mul(self.confirmed.share());
@@ -234,12 +222,12 @@ impl<const N: usize> JointObserver<N> {
         if is_other { Friction { viscous: friction.viscous / share, ..friction } } else { friction }
     }
 
-    /// The inertia of joints that have been found to stick, kg m^2 or kg, and the viscous friction that is compensated of them, N m s/rad or N s/m; 0 for the others.
-    pub(super) fn sticking_inertia(&self, robot: &Robot<N>) -> (SVector<f64, N>, SVector<f64, N>) {
-        let share = self.friction_share();
-        let of_stuck = |i: usize, value: f64| if self.sticks[i] { value } else { 0.0 };
-        let viscous = SVector::from_fn(|i, _| of_stuck(i, share[i] * self.friction_of(robot, i).viscous));
-        (SVector::from_fn(|i, _| of_stuck(i, self.settings.inertia[i])), viscous)
+    /// The inertia of joints that have been found to stick and whose file tells no viscous friction that could be compensated, kg m^2 or kg, 0 for the others.
+    pub(super) fn sticking_inertia(&self, robot: &Robot<N>) -> SVector<f64, N> {
+        SVector::from_fn(|i, _| {
+            let is_stiffer = self.sticks[i] && robot.friction()[i].viscous == 0.0;
+            if is_stiffer { self.settings.inertia[i] } else { 0.0 }
+        })
     }
 
     /// Whether joints have begun to be probed that were found to resist, so that the reference is to be set to the arm: true once.
@@ -284,21 +272,6 @@ impl<const N: usize> JointObserver<N> {
     /// The inertia of each joint while the others are free, about, kg m^2 or kg.
     pub(super) fn inertia(&self) -> &SVector<f64, N> {
         &self.settings.inertia
-    }
-
-    /// What coarse encoders hide of an acceleration in a mean of `ticks`, as a torque, N m or N.
-    pub(super) fn hidden_torque(&self, ticks: u32) -> SVector<f64, N> {
-        SVector::from_fn(|i, _| {
-            let gain = STEP_GAIN * self.bandwidth(i) / (f64::from(ticks) * TICK.as_s());
-            self.steps[i] * self.settings.inertia[i] * gain
-        })
-    }
-
-    /// The largest bandwidth of the velocity observer of joint `i`, rad/s: coarse steps allow less.
-    fn bandwidth(&self, i: usize) -> f64 {
-        let step = self.steps[i] - self.settings.encoder_noise[i];
-        let allowed = if step > 0.0 { STEP_SPEED / step } else { f64::INFINITY };
-        self.settings.velocity_rad_s.min(allowed)
     }
 
     /// Freezes the disturbance estimate as it is, or releases it.

@@ -39,7 +39,7 @@ table! {
         /// Of torques: bandwidth of the observer of disturbances (load, friction, masses) that the model does not contain, rad/s; 0: none.
         disturbance_rad_s: f64 = 10.0,
         /// Of torques: bandwidth of the observer that estimates velocities from positions, rad/s; 0: the velocities that the drive
-        /// reports are used. Left out: 150 where the simulated encoders have steps, 50 where they have more noise, else 0.
+        /// reports are used. Left out: 400 where the simulated encoders have steps, 50 where they have more noise, else 0.
         velocity_observer_rad_s: Option<f64> = None,
         /// Step of each encoder and twice its noise, within which a position is not significant, rad or m; one value stands for
         /// all. Left out: that of the simulated drive, else 0.

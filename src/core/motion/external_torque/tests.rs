@@ -17,7 +17,7 @@ fn ran(payload_kg: f64, joint: usize, torque: f64, seed: u64) -> (f64, Option<us
     let phase = Vector6::from_fn(|_, _| random.between(0.0, 6.0));
     let home = Vector6::new(0.4, -1.4, 1.3, -1.0, -1.5, 0.3);
     let wanted = |t: f64| home + phase.map(|p| 0.2 * ((2.0 * t + p).sin() - p.sin()));
-    let mut observer = ExternalTorqueObserver::new(&model, |_| Vector6::zeros());
+    let mut observer = ExternalTorqueObserver::new(&model, &Vector6::zeros(), |_| Vector6::zeros());
     let (mut q, mut qd) = (home, phase.map(|p| 0.4 * p.cos()));
     let (mut before, mut found) = (0.0_f64, None);
     for k in 0..1800_usize {

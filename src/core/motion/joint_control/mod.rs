@@ -252,8 +252,8 @@ impl<const N: usize> JointController<N> {
         let (e, ed) = ((reference.q - q) * (share * share), (reference.qd - qd) * share);
         let mut feedback = self.law.feedback(&e, &ed, reference);
         if let (JointLaw::InverseDynamics(control), false) = (&self.law, self.soft) {
-            let (inertia, viscous) = self.observer.sticking_inertia(self.carrying(robot));
-            feedback.torque += sticking::torque((&inertia, &viscous), control, (&e, &ed));
+            let inertia = self.observer.sticking_inertia(self.carrying(robot));
+            feedback.torque += sticking::torque(&inertia, control, (&e, &ed));
         }
         if let (JointLaw::OperationalSpace(control), false) = (&self.law, self.soft) {
             feedback.u = control.in_operational_space(robot, (q, qd), reference, &feedback.u);

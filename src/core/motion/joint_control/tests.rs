@@ -212,7 +212,7 @@ fn encoder_steps_do_not_shake_the_arm() {
         let encoder =
             EncoderModel { step: SVector::repeat(step), velocity_filter_hz: 100.0, ..EncoderModel::exact() };
         let observer = ObserverSettings {
-            velocity_rad_s: 150.0,
+            velocity_rad_s: 400.0,
             encoder_step: encoder.step,
             encoder_noise: SVector::zeros(),
             ..observing(&robot, &posture())
