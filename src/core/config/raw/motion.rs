@@ -42,7 +42,7 @@ table! {
         /// reports are used. Left out: 400 where the simulated encoders have steps, 50 where they have more noise, else 0.
         velocity_observer_rad_s: Option<f64> = None,
         /// Step of each encoder and twice its noise, within which a position is not significant, rad or m; one value stands for
-        /// all. Left out: that of the simulated drive, else 0.
+        /// all. Left out: that of the simulated drive, else what readings show.
         encoder_step_rad_or_m: Vec<f64> = Vec::new(),
     }
 }
