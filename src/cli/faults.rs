@@ -18,7 +18,7 @@ pub struct FaultsArguments {
     /// Only this law: B, D-mean or hybrid; may be repeated
     #[arg(long = "law", value_name = "NAME")]
     pub laws: Vec<String>,
-    /// Only this arm: ur5, panda or xarm7; may be repeated
+    /// Only this arm: ur5, panda, xarm7, ur5-unlike, panda-unlike or ur5-velocity; may be repeated
     #[arg(long = "arm", value_name = "NAME")]
     pub arms: Vec<String>,
     /// Runs of each case, law and arm, each with a seed and a time of its own
@@ -48,7 +48,7 @@ pub(super) fn faults(arguments: &FaultsArguments) -> Result<u8, ProcessError> {
     let known = [
         ("case", &arguments.cases, FAULT_CASES.iter().map(|case| case.name).collect::<Vec<_>>()),
         ("law", &arguments.laws, CAMPAIGN_LAWS.iter().map(|law| law.0).collect()),
-        ("arm", &arguments.arms, CAMPAIGN_ARMS.to_vec()),
+        ("arm", &arguments.arms, CAMPAIGN_ARMS.iter().map(|arm| arm.name).collect()),
     ];
     for (what, asked, known) in known {
         if let Some(name) = asked.iter().find(|name| !known.contains(&name.as_str())) {

@@ -28,6 +28,8 @@ mod open_recording;
 #[cfg(feature = "cli")]
 mod priority;
 #[cfg(feature = "cli")]
+mod process_faults;
+#[cfg(feature = "cli")]
 pub mod recorded_report;
 #[cfg(feature = "cli")]
 pub mod recorder;

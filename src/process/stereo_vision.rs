@@ -11,9 +11,10 @@
 use super::priority::{self, Rank};
 use super::report_images::ReportImages;
 use super::vision::FrameCounter;
-use super::{LONGEST_WAIT, Membership, ProcessError, ReportFolder, StopFlag, shape_of};
+use super::{LONGEST_WAIT, Membership, ProcessError, ReportFolder, StopFlag, process_faults, shape_of};
 use crate::config::Clock;
 use crate::config::{Camera, Config, assemble};
+use crate::faults::{FaultyProcess, ProcessFaults};
 use crate::imaging::ImageView;
 use crate::ipc::{FrameReceiver, Instance, ReceivedFrame, Role, Sender, Services};
 use crate::messages::{FrameHeader, Measurement, TargetStatus};
@@ -50,6 +51,7 @@ pub fn run(
         right: CameraInput::open(right, config.clock, services)?,
         measurements: services.measurement_sender(config.camera.id)?,
         membership: &membership,
+        faults: process_faults::of(config, FaultyProcess::Vision),
         vision,
         looked: MonoNs::ZERO,
         status_logger: StatusLogger::default(),
@@ -98,6 +100,7 @@ struct StereoVisionWorker<'a> {
     left: CameraInput<'a>,
     right: CameraInput<'a>,
     measurements: Sender<Measurement>,
+    faults: ProcessFaults,
     membership: &'a Membership,
     vision: StereoVision,
     /// When the newest frame began to be looked at.
@@ -173,8 +176,11 @@ impl StereoVisionWorker<'_> {
     }
 
     fn look(&mut self, side: Side, frame: &ReceivedFrame) {
-        self.looked = now();
         let header = frame.header();
+        if side == Side::Left {
+            process_faults::suffer(&self.faults, header.frame_id);
+        }
+        self.looked = now();
         let _span = debug_span!("frame", frame = header.frame_id, camera = header.camera).entered();
         match ImageView::new(frame.pixels(), header.width_px as usize, header.height_px as usize) {
             Ok(image) => self.vision.look(side, &Frame { header, image }),

@@ -2,9 +2,10 @@
 
 use super::priority::{self, Rank};
 use super::report_images::ReportImages;
-use super::{LONGEST_WAIT, Membership, ProcessError, ReportFolder, StopFlag, frame_shape};
+use super::{LONGEST_WAIT, Membership, ProcessError, ReportFolder, StopFlag, frame_shape, process_faults};
 use crate::config::Clock;
 use crate::config::{Config, assemble};
+use crate::faults::FaultyProcess;
 use crate::geometry::Pose;
 use crate::imaging::ImageView;
 use crate::ipc::{Instance, ReceivedFrame, Receiver, Role};
@@ -49,6 +50,7 @@ pub fn run(
         status: None,
         model_error: false,
     };
+    let faults = process_faults::of(config, FaultyProcess::Vision);
     let mut images = ReportImages::new(report, &config.camera);
     priority::take(config, Rank::Vision)?;
     info!("vision runs");
@@ -57,6 +59,7 @@ pub fn run(
         while let Some(frame) = frames.receive()? {
             membership.beat();
             let _span = debug_span!("frame", frame = frame.header().frame_id).entered();
+            process_faults::suffer(&faults, frame.header().frame_id);
             let measurement = worker.measure(&frame)?;
             measurements.send(&measurement)?;
             // What nobody waits for comes after what control waits for.

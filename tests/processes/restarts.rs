@@ -133,6 +133,36 @@ fn a_manual_resumption_waits_for_a_start() {
     }
 }
 
+/// What a run file asks for by `[[faults]]`: vision dies, hangs or is slow 0.4 s after its first frame, each time anew.
+#[test]
+fn processes_that_are_to_fail_do_so_and_are_started_anew() {
+    let fault = |kind: &str, process: &str| {
+        format!("faults=[{{kind='{kind}',process='{process}',from_s=0.4,duration_s=100.0}}]")
+    };
+    for (kind, process, words) in [
+        ("process_dies", "vision", "the vision process died (killed by signal 9)"),
+        ("process_dies", "camera", "the camera process died (killed by signal 9)"),
+        ("process_hangs", "vision", "the vision process hung for "),
+    ] {
+        let mut cell = Cell::start("asked", &[&fault(kind, process)]);
+        let why = cell.lines.wait_for("control goes on without it");
+        assert!(why.contains(words), "{why}");
+        wait_until(&format!("{process} to be started anew"), || cell.restarts(process) > 0);
+        cell.ended();
+    }
+    let slow =
+        ["run", "ur5", "--set", "faults=[{kind='process_slows',from_s=0.2,duration_s=1.0,delay_ms=60.0}]"];
+    let instance = Instance::new("slow");
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("summary.json");
+    let output =
+        vservo().args(slow).args(["--instance", &instance.name, "--summary"]).arg(&file).output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    let summary: Value = serde_json::from_slice(&std::fs::read(&file).unwrap()).unwrap();
+    // 60 ms of work a frame, 40 ms between two: every third is skipped, about.
+    assert!(summary["frames_dropped"].as_u64().unwrap() >= 3, "{summary}");
+}
+
 /// Kills in a row, at moments that nobody chose, leave nothing in shared memory and are all counted.
 #[test]
 fn ten_kills_in_a_row_leave_nothing_behind() {

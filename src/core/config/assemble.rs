@@ -356,6 +356,7 @@ pub fn control_loop_with<const N: usize>(
         service,
         teaching_measurements: config.goal.measurements,
         duration: (!plays_once && !config.serve).then_some(config.duration),
+        measurement_timeout: config.safety.measurement_timeout,
         closed_loop,
         f_px: Vector2::new(i.fx_px, i.fy_px),
         path: config.servo.path.clone(),

@@ -297,6 +297,9 @@ impl<const N: usize> Drive<N> for SimulatedDrive<N> {
     }
 
     fn write(&mut self, command: &DriveCommand<N>) {
+        if self.faults.loses_command(SpanNs::from_s(self.elapsed_s)) {
+            return;
+        }
         self.commands.push(command);
         if let Some(command) = self.commands.arrived() {
             let speed = self.elastic.as_ref().map_or(self.qd, |elastic| elastic.theta_d);

@@ -25,6 +25,10 @@ pub enum FrameFault {
     Torn,
     /// Left and right are exchanged.
     Mirror,
+    /// Its stamp is off by so much: the camera's clock has leapt.
+    ClockJump(SpanNs),
+    /// It shows everything a second time, so many px to the right, where that is darker: another target beside the one.
+    FalseTarget(usize),
     /// Blocks of 16 px of it, as large a share of them, each have one level at random.
     Corrupt(f64),
 }
@@ -133,11 +137,22 @@ impl ImageDamage {
                 FrameFault::Black => pixels.fill(0),
                 FrameFault::Saturated => pixels.fill(u8::MAX),
                 FrameFault::Mirror => pixels.chunks_mut(width.max(1)).for_each(<[u8]>::reverse),
+                FrameFault::ClockJump(span) => stamp = stamp + *span,
+                FrameFault::FalseTarget(px) => {
+                    pixels.chunks_mut(width.max(1)).for_each(|row| double(*px, row))
+                }
                 FrameFault::Corrupt(share) => corrupt(*share, (window, id), width, pixels),
                 _ => {}
             }
         }
         stamp
+    }
+}
+
+/// Shows a row a second time, `px` to the right, where that is darker.
+fn double(px: usize, row: &mut [u8]) {
+    for u in (px..row.len()).rev() {
+        row[u] = row[u].min(row[u - px]);
     }
 }
 
@@ -201,6 +216,12 @@ mod tests {
         let mut pixels = vec![1, 2, 3, 4, 5, 6];
         damage.apply((0, SpanNs::ZERO), MonoNs::ZERO, 3, &mut pixels);
         assert_eq!(pixels, [3, 2, 1, 6, 5, 4]);
+        let mut damage = ImageDamage::new(FrameFaults::new(&[(FrameFault::FalseTarget(2), window(0, 1))], 0));
+        let mut pixels = vec![9, 1, 8, 7, 6, 5];
+        damage.apply((0, SpanNs::ZERO), MonoNs::ZERO, 6, &mut pixels);
+        assert_eq!(pixels, [9, 1, 8, 1, 6, 5]);
+        let late = |id: usize| (10 * id as u8, 10 * id as u8, id as i64 + 1);
+        assert_eq!(corners(FrameFault::ClockJump(PERIOD)), wanted(late(3), late(4)));
         for timing in [FrameFault::Drop, FrameFault::Delay(PERIOD)] {
             assert_eq!(corners(timing), (0..8).map(whole).collect::<Vec<_>>());
         }

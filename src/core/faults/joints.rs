@@ -18,6 +18,8 @@ pub enum JointFault {
     TorqueLoss(f64),
     /// The state of the whole arm is the one before once more.
     StaleState,
+    /// Commands do not come to the arm: it does what it was told before.
+    LostCommand,
 }
 
 /// Faults of an arm of `N` joints.
@@ -70,7 +72,7 @@ impl<const N: usize> JointFaults<N> {
                 JointFault::Freeze => (q[j], qd[j]) = (q_before[j], 0.0),
                 JointFault::Offset(size) => q[j] += size,
                 JointFault::StaleState => is_stale = true,
-                JointFault::TorqueLoss(_) => {}
+                JointFault::TorqueLoss(_) | JointFault::LostCommand => {}
             }
         }
         if is_stale {
@@ -78,6 +80,12 @@ impl<const N: usize> JointFaults<N> {
         }
         self.last = Some((q, qd));
         (q + spikes, qd)
+    }
+
+    /// Whether a command that comes at `time` is lost.
+    #[must_use]
+    pub fn loses_command(&self, time: SpanNs) -> bool {
+        self.acting(time).any(|(fault, ..)| fault == JointFault::LostCommand)
     }
 
     /// Takes from the torques or forces `tau` what motors lack at `time`.
@@ -141,6 +149,9 @@ mod tests {
             faults.weaken(SpanNs(1_000_000 * ms), &mut tau);
             tau
         };
+        let faults = JointFaults::<2>::new(&[(JointFault::LostCommand, 0, window)], 1);
+        let lost = [0, 1, 2].map(|ms| faults.loses_command(SpanNs(1_000_000 * ms)));
+        assert_eq!(lost, [true, true, false]);
         assert_eq!(weakened(1), Vector2::new(10.0, 6.0));
         assert_eq!(weakened(2), Vector2::new(10.0, 10.0));
     }

@@ -11,6 +11,8 @@ use std::f64::consts::TAU;
 pub enum MeasurementFault {
     /// It is the last good one before once more, with its stamp.
     Stale,
+    /// It is the good one before the last once more, with its stamp: one that was overtaken.
+    Overtaken,
     /// All of it is displaced in the image by so many px, one way as long as the fault lasts, and the pose with it.
     Jump(f64),
     /// Two of its features have each other's ids; the pose is left as it is.
@@ -23,8 +25,8 @@ pub struct MeasurementFaults {
     list: Vec<(MeasurementFault, FaultWindow)>,
     period_ns: f64,
     f_px: Vector2<f64>,
-    /// The last good one that was given.
-    last: Option<Box<Measurement>>,
+    /// The last good one that was given, and the one before it.
+    last: Option<Box<[Measurement; 2]>>,
 }
 
 impl MeasurementFaults {
@@ -47,27 +49,30 @@ impl MeasurementFaults {
     /// Puts in what acts on `m`.
     pub fn apply(&mut self, m: &mut Measurement) {
         let Some(last) = &mut self.last else { return };
+        let [newest, older] = &mut **last;
         let (id, time) = (m.frame_id, SpanNs((m.frame_id as f64 * self.period_ns).round() as i64));
         let mut is_stale = false;
         for (fault, window) in self.list.iter().filter(|(_, window)| window.acts(time, id)) {
             match fault {
-                MeasurementFault::Stale if last.found() => {
-                    is_stale = true;
-                    *m = Measurement {
-                        frame_id: id,
-                        frame_sent: m.frame_sent,
-                        flags: last.flags & !frame_flag::LAST | m.flags & frame_flag::LAST,
-                        target_lost: m.target_lost,
-                        ..**last
-                    };
+                MeasurementFault::Stale | MeasurementFault::Overtaken => {
+                    let again = if *fault == MeasurementFault::Stale { &*newest } else { &*older };
+                    if again.found() {
+                        is_stale = true;
+                        *m = Measurement {
+                            frame_id: id,
+                            frame_sent: m.frame_sent,
+                            flags: again.flags & !frame_flag::LAST | m.flags & frame_flag::LAST,
+                            target_lost: m.target_lost,
+                            ..*again
+                        };
+                    }
                 }
-                MeasurementFault::Stale => {}
                 MeasurementFault::Jump(size_px) => jump(m, *size_px, window, &self.f_px),
                 MeasurementFault::Mislabelled => mislabel(m, window),
             }
         }
         if m.found() && !is_stale {
-            **last = *m;
+            *older = std::mem::replace(newest, *m);
         }
     }
 }
@@ -142,7 +147,12 @@ mod tests {
 
     #[test]
     fn each_fault_acts_in_its_time_alone() {
-        for fault in [MeasurementFault::Stale, MeasurementFault::Jump(20.0), MeasurementFault::Mislabelled] {
+        for fault in [
+            MeasurementFault::Stale,
+            MeasurementFault::Overtaken,
+            MeasurementFault::Jump(20.0),
+            MeasurementFault::Mislabelled,
+        ] {
             for (id, m) in (0..).zip(given(fault)) {
                 assert_eq!(m == measured(id), !(4..7).contains(&id), "{fault:?}, frame {id}");
                 assert_eq!(m.frame_id, id);
@@ -154,6 +164,8 @@ mod tests {
     fn a_stale_measurement_is_the_last_one_with_its_stamp() {
         let given = given(MeasurementFault::Stale);
         assert!((4..7).all(|id| given[id].exposure == given[3].exposure), "{given:?}");
+        let given = self::given(MeasurementFault::Overtaken);
+        assert!((4..7).all(|id| given[id].exposure == given[2].exposure), "{given:?}");
     }
 
     #[test]

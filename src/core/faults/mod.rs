@@ -8,19 +8,22 @@
 //!
 //! | who | puts in | where |
 //! | --- | --- | --- |
-//! | [`FrameFaults`] | frames that are lost, late, repeated, dark, white, torn, corrupt | the camera's schedule, and its images ([`ImageDamage`]) |
-//! | [`MeasurementFaults`] | measurements that are stale, displaced, mislabelled | the last step of vision |
-//! | [`JointFaults`] | encoders that leap, freeze or shift, torque that is lost, states that are stale | the simulated arm |
+//! | [`FrameFaults`] | frames that are lost, late, repeated, dark, white, torn, corrupt, wrongly stamped, with a second target | the camera's schedule, and its images ([`ImageDamage`]) |
+//! | [`MeasurementFaults`] | measurements that are stale, overtaken, displaced, mislabelled | the last step of vision |
+//! | [`JointFaults`] | encoders that leap, freeze or shift, torque and commands that are lost, states that are stale | the simulated arm |
+//! | [`ProcessFaults`] | camera or vision dies, hangs, is slow | the process itself, in real time |
 //!
 //! Sheets in front of the target, walls, pushes and jams are no business of this module: `scene.occluder` and `drive.simulated` have them.
 
 mod frames;
 mod joints;
 mod measurements;
+mod processes;
 
 pub use frames::{FrameFault, FrameFaults, ImageDamage};
 pub use joints::{JointFault, JointFaults};
 pub use measurements::{MeasurementFault, MeasurementFaults};
+pub use processes::{FaultyProcess, ProcessFault, ProcessFaults};
 
 use crate::linalg::Random;
 use crate::time::SpanNs;
@@ -69,6 +72,8 @@ pub struct InjectedFaults {
     pub measurements: Vec<(MeasurementFault, FaultWindow)>,
     /// Those of the simulated arm, each with its joint, from 0.
     pub joints: Vec<(JointFault, usize, FaultWindow)>,
+    /// Those of the processes that see, in real time.
+    pub processes: Vec<(FaultyProcess, ProcessFault, FaultWindow)>,
 }
 
 #[cfg(test)]

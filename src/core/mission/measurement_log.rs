@@ -4,6 +4,7 @@ use super::model_error::ModelErrorLog;
 use crate::control::trace::{Event, Events, LatencyStages};
 use crate::messages::Measurement;
 use crate::servo::{MeasurementVerdict, NoTask};
+use crate::time::SpanNs;
 use serde::{Deserialize, Serialize};
 
 /// Counts of the measurements that reached control, by verdict.
@@ -185,6 +186,11 @@ impl MeasurementLog {
     /// The command that used the last one was written.
     pub(super) fn commanded(&mut self, latency: Option<LatencyStages>) {
         self.latency = latency.unwrap_or(self.latency);
+    }
+
+    /// Whether the last one that was used was older than `timeout` when it acted.
+    pub(super) fn are_older_than(&self, timeout: SpanNs) -> bool {
+        self.latency.exposure_to_command.is_some_and(|age| age > timeout)
     }
 
     /// Measurements that fit the description only with a model error.

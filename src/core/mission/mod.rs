@@ -409,6 +409,10 @@ impl<const N: usize> Mission<N> {
         let held_off = self.held_off.filter(|at| now - *at < LATELY).map(|_| HELD_OFF);
         let when_late =
             held_off.or_else(|| self.task.when_late(in_view)).or_else(|| stays().filter(|_| servoing));
+        let are_old = self.measurements.are_older_than(self.plan.measurement_timeout);
+        let is_held = matches!(self.state, ControlState::Holding | ControlState::Returning);
+        let when_late =
+            when_late.or_else(|| (is_held && in_view && are_old).then_some(run_end::OLD_EXPOSURES));
         let measured = (&self.measurements, self.point_kind());
         time_is_up.then(|| run_end::time_is_up(self.plan.closed_loop, self.state, when_late, measured))
     }

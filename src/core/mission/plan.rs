@@ -39,6 +39,8 @@ pub struct RunPlan {
     pub teaching_measurements: u32,
     /// When the arm is brought to rest at the latest; `None` ends with the last frame only.
     pub duration: Option<SpanNs>,
+    /// Age from which on an exposure is no measurement of now any more.
+    pub measurement_timeout: SpanNs,
     /// Whether the loop is closed: without it there is no goal to reach.
     pub closed_loop: bool,
     /// Focal lengths that turn normalized errors into pixels.

@@ -60,6 +60,10 @@ pub(crate) const HELD_OFF: &str = "run.duration_s is over: a limit of [workspace
 /// lets it act now and then.
 pub(crate) const LATELY: SpanNs = SpanNs(500_000_000);
 
+/// The reason of a run whose target is found, in exposures that are too old to act on.
+pub(super) const OLD_EXPOSURES: &str = "run.duration_s is over: the target was found, but each exposure was older than safety.measurement_timeout_ms when it arrived; check the camera's clock, \
+                             camera.latency_ms and camera.stamp_offset_ms";
+
 const NO_PAIR: &str = "run.duration_s is over: frames of the two cameras do not pair; see to both cameras and their trigger, or set \
                        cameras[1].stamp_offset_ms and stereo.pair_tolerance_ms";
 

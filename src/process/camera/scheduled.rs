@@ -3,9 +3,12 @@
 use super::Shot;
 use crate::config::Clock;
 use crate::config::Config;
+use crate::faults::{FaultyProcess, ProcessFaults};
 use crate::ipc::{BorrowedFrame, FrameSender, Receiver, Spin, WakeListener};
 use crate::messages::{FrameHeader, JointState, frame_flag};
-use crate::process::{LONGEST_SPIN, LONGEST_WAIT, Membership, ProcessError, StopFlag, WAKE_AHEAD};
+use crate::process::{
+    LONGEST_SPIN, LONGEST_WAIT, Membership, ProcessError, StopFlag, WAKE_AHEAD, process_faults,
+};
 use crate::rt::{now, sleep_until};
 use crate::source::{Exposure, NextInstant, Position, ScheduledSource};
 use crate::time::{MonoNs, SpanNs};
@@ -25,6 +28,7 @@ pub(super) struct ScheduledCamera<'a> {
     frames: FrameSender,
     arm: Receiver<JointState>,
     lost: u64,
+    faults: ProcessFaults,
 }
 
 /// An exposed frame that is not due yet.
@@ -42,7 +46,8 @@ impl<'a> ScheduledCamera<'a> {
         frames: FrameSender,
         arm: Receiver<JointState>,
     ) -> Self {
-        Self { config, membership, source, frames, arm, lost: 0 }
+        let faults = process_faults::of(config, FaultyProcess::Camera);
+        Self { config, membership, source, frames, arm, lost: 0, faults }
     }
 
     /// Runs until a stop is requested or the source ends; `wake_listener` is notified of the arm's states.
@@ -155,6 +160,7 @@ impl<'a> ScheduledCamera<'a> {
     fn expose(&mut self, frame_id: u64, mid: MonoNs) -> Result<(BorrowedFrame, FrameHeader), ProcessError> {
         let _span = debug_span!("frame", frame = frame_id).entered();
         self.membership.beat();
+        process_faults::suffer(&self.faults, frame_id);
         let camera = &self.config.camera;
         let i = camera.model.intrinsics();
         let mut frame = self.frames.borrow(i.width_px as usize * i.height_px as usize)?;

@@ -1,5 +1,6 @@
 //! `[[faults]]`: what is put wrong on purpose about the simulated parts of a cell.
 
+use crate::faults::FaultyProcess;
 use serde::{Deserialize, Serialize};
 
 word! {
@@ -21,10 +22,16 @@ word! {
         Torn,
         /// Left and right of frames are exchanged.
         Mirror,
+        /// Stamps of frames are off: the camera's clock has leapt.
+        ClockJump,
+        /// Frames show everything a second time, displaced to the right.
+        FalseTarget,
         /// Blocks of frames have levels at random.
         Corrupt,
         /// Measurements are the last good one before once more, with its stamp.
         Stale,
+        /// Measurements are the good one before the last once more, with its stamp: they were overtaken.
+        Overtaken,
         /// Measurements are displaced in the image.
         Jump,
         /// Two features of measurements have each other's ids.
@@ -39,6 +46,14 @@ word! {
         TorqueLoss,
         /// States of the arm are the one before once more.
         StaleState,
+        /// Commands do not come to the arm, which does what it was told before.
+        LostCommand,
+        /// The process of camera or vision dies, as by kill -9; in real time.
+        ProcessDies,
+        /// The process of camera or vision does nothing, and shows no sign of life; in real time.
+        ProcessHangs,
+        /// The process of camera or vision takes longer for each frame; in real time.
+        ProcessSlows,
     }
 }
 
@@ -53,9 +68,9 @@ table! {
         duration_s: f64 = 0.5,
         /// Of each frame, measurement or state of that time, 0 to 1.
         probability: f64 = 1.0,
-        /// `delay`: by how much frames are later, ms; 100 where it is left out.
+        /// `delay`, `process_slows`: by how much frames are later, ms; 100 where it is left out. `clock_jump`: by how much stamps are late, or early where it is negative; 200.
         delay_ms: Option<f64> = None,
-        /// `jump`: by how much measurements are displaced, px; 20 where it is left out.
+        /// `jump`: by how much measurements are displaced, px; 20 where it is left out. `false_target`: by how much what is seen a second time is; 60.
         size_px: Option<f64> = None,
         /// `encoder_spike`, `encoder_offset`: by how much the encoder is off, rad or m; 0.02 where it is left out.
         size_rad_or_m: Option<f64> = None,
@@ -63,5 +78,7 @@ table! {
         share: Option<f64> = None,
         /// `encoder_spike`, `encoder_freeze`, `encoder_offset`, `torque_loss`: which joint, from 0, which it is where it is left out.
         joint: Option<u32> = None,
+        /// `process_dies`, `process_hangs`, `process_slows`: which, vision where it is left out.
+        process: Option<FaultyProcess> = None,
     }
 }

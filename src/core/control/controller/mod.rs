@@ -14,6 +14,7 @@ mod contact;
 mod measurements;
 mod motion;
 mod orders;
+mod rest;
 mod returning;
 mod searching;
 mod sensing;
@@ -52,8 +53,6 @@ const SLOW: f64 = 0.1;
 /// Factor of its velocity limit above which a joint in a fault says that the model is wrong, or a motor dead: the one above which a joint is too fast (`safety/arm.rs`). A reference is never
 /// above 1. Measured: an arm that a wall throws back is, for moments (1.1 fails `contact::an_arm_that_releases_goes_back_from_the_wall`).
 const WILD: f64 = 1.5;
-/// How long an arm may go on moving after its reference has come to rest. Chosen by hand: a run must end even if an arm never rests.
-const PATIENCE: SpanNs = SpanNs(3_000_000_000);
 
 /// The controller of one arm with `N` joints.
 #[derive(Debug)]
@@ -100,7 +99,7 @@ pub struct Controller<const N: usize> {
     /// When the reference came to rest while the arm is to stand, and when braking began.
     rests_since: Option<MonoNs>,
     brakes_since: Option<MonoNs>,
-    /// Longest time from any motion to rest, plus `PATIENCE`.
+    /// Longest time from any motion to rest.
     longest_braking: SpanNs,
     events: Events,
 }
@@ -113,7 +112,6 @@ impl<const N: usize> Controller<N> {
         let ControllerSettings { arm, joint_control, mode, q_start, .. } = settings;
         let limits = arm.limits.clone();
         let braking = SpanNs::from_s(limits.longest_braking_s());
-        let longest_braking = SpanNs(PATIENCE.0.saturating_add(braking.0));
         let (reference, space) =
             space::within(Reference::new(limits.clone(), q_start), &arm.robot, settings.space);
         Self {
@@ -153,7 +151,7 @@ impl<const N: usize> Controller<N> {
             rest: Rest::Moving,
             rests_since: None,
             brakes_since: None,
-            longest_braking,
+            longest_braking: braking,
             events: Events::default(),
         }
     }
@@ -407,7 +405,8 @@ impl<const N: usize> Controller<N> {
             if self.mode == CommandMode::Torque && (astray || self.floats()) {
                 self.reference.reset_to_measured(&state.q, qd);
                 self.joint_control.damp(qd.amax() > SLOW || self.floats());
-                if is_wild {
+                // What the working joints do, learnt as a disturbance, would drive one whose encoder says nothing.
+                if is_wild || self.encoder_watch.distrusted() != [false; N] {
                     self.joint_control.brake_by_joint(&state.q);
                 }
             }
@@ -419,26 +418,5 @@ impl<const N: usize> Controller<N> {
         let lag = if self.mode == CommandMode::Velocity { self.watch.lag() } else { distance };
         let swings = if motion.follows { self.watch.swing(&state.q, &motion.way) } else { None };
         if lag > self.max_tracking_error { Some(Fault::TrackingError) } else { behind.or(swings) }
-    }
-
-    fn note_rest(&mut self, now: MonoNs, seen: bool) {
-        let brakes = matches!(self.state, State::Stopping | State::Failing | State::Fault | State::Clearing);
-        let since = *self.brakes_since.get_or_insert(now);
-        self.brakes_since = brakes.then_some(since);
-        // From `v <= J T^2` braking takes at most two ticks `T`, and in one tick it changes the acceleration by at most
-        // `J T`: a standstill at the next one is within the limits.
-        let reference_rests = self.reference.rests_within(SpanNs(2 * TICK.0));
-        let since = *self.rests_since.get_or_insert(now);
-        self.rests_since = (reference_rests && !self.state.moves()).then_some(since);
-        let is_over = |since: Option<MonoNs>, patience| since.is_some_and(|since| now - since > patience);
-        self.rest = if self.rests_since.is_some() && (!seen || self.rest_watch.is_at_rest()) {
-            if seen { Rest::AtRest } else { Rest::Unknown }
-        } else if is_over(self.rests_since, PATIENCE)
-            || (brakes && is_over(self.brakes_since, self.longest_braking))
-        {
-            Rest::Restless
-        } else {
-            Rest::Moving
-        };
     }
 }

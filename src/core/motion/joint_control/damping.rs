@@ -4,7 +4,8 @@
 //! with nearly the same axis, which turn against each other, `B qd` is nearly zero, and neither is braked; and what is learnt as its disturbance drives the others.
 //! So an arm that becomes faster than its limits meanwhile is braked by each motor alone, as by a brake with a little give: `-D qd - K (q - a)` with diagonal `D` and `K`, where `a` is where
 //! the joint was, and is dragged along where that would be more than the effort. Damper, spring and drag take energy out of the arm whatever the other motors do,
-//! and only the weight that a dead one should carry brings some in; what an unknown load weighs is held.
+//! and only the weight that a dead one should carry brings some in; what an unknown load weighs is held. A joint whose encoder says nothing is carried as it
+//! was then, and gets nothing besides: damper and spring about what is believed of it would drive it.
 
 use super::torque::JointTorque;
 use super::{Feedback, JointController, SOFT_SHARE};
@@ -48,11 +49,18 @@ impl<const N: usize> JointController<N> {
         qd: &SVector<f64, N>,
     ) -> JointTorque<N> {
         let zero = SVector::zeros();
-        let carried = self.carrying(robot).gravity(q);
-        if let Some(anchor) = &mut self.braked_at {
+        let unheard = self.observer.unheard();
+        if let Some(anchor) = self.braked_at {
+            // What is believed of a joint whose encoder says nothing drifts off: it is taken for where it was.
+            let q = &SVector::from_fn(|i, _| if unheard[i] { anchor[i] } else { q[i] });
+            let carried = self.carrying(robot).gravity(q);
+            let mut anchor = anchor;
             let factors = Ldlt::of(&robot.mass_matrix(q));
             let inverse = factors.map(|factors| factors.inverse());
             let wanted = SVector::from_fn(|i, _| {
+                if unheard[i] {
+                    return carried[i];
+                }
                 let inertia = inverse.as_ref().map_or(0.0, |inverse| inverse[i][i].recip());
                 let effort = robot.limits().get(i).map_or(0.0, |limit| limit.effort);
                 let stiffness = SPRING_1_S * SPRING_1_S * inertia;
@@ -60,10 +68,12 @@ impl<const N: usize> JointController<N> {
                 anchor[i] = if stiffness > 0.0 { q[i] - spring / stiffness } else { q[i] };
                 carried[i] - DAMPER_1_S * inertia * qd[i] - spring
             });
+            self.braked_at = Some(anchor);
             // What it does to the arm beyond carrying it, the observer has to know.
             let none = Feedback { u: zero, expected: zero, torque: zero, velocity: zero, slip: zero };
             return self.commanded(robot, q, &carried, &wanted, &none, (zero, zero, zero));
         }
+        let carried = self.carrying(robot).gravity(q);
         let (p, t) = self.observer.disturbance();
         let rest = ReferenceState { q: *q, qd: zero, qdd: zero, a: zero, limits: ActingLimits::default() };
         let feedback = self.law.feedback(&zero, &(-qd * SOFT_SHARE), &rest);

@@ -83,7 +83,15 @@ impl<const N: usize> JointController<N> {
     /// Positions and velocities at the last tick, and the accelerations that the command makes until the next (rad, rad/s, rad/s^2 or m, m/s, m/s^2); `None` while none acts.
     #[must_use]
     pub fn expected_motion(&self) -> Option<(SVector<f64, N>, SVector<f64, N>, SVector<f64, N>)> {
-        self.observer.expected_motion()
+        let (q, mut qd, mut qdd) = self.observer.expected_motion()?;
+        if self.braked_at.is_some() {
+            // What is believed of a joint whose encoder says nothing would drift off with the others' motion.
+            let unheard = self.observer.unheard();
+            for i in (0..N).filter(|i| unheard[*i]) {
+                (qd[i], qdd[i]) = (0.0, 0.0);
+            }
+        }
+        Some((q, qd, qdd))
     }
 
     /// Learns nothing more from joints whose encoders are not trusted, and forgets what was learnt since their readings last changed.

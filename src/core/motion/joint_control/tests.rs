@@ -254,3 +254,27 @@ fn torque_that_the_gate_cuts_leaves_nothing_to_learn() {
     let (told, untold) = (learnt(true), learnt(false));
     assert!(told < 0.01 * untold && untold > 1.0, "{told} and {untold} N m");
 }
+
+/// The brake by joint carries a joint whose encoder says nothing as it was, whatever is believed of it since; the other joints are braked.
+#[test]
+fn a_joint_without_reading_is_carried_and_nothing_else() {
+    let robot = robot::<7>("panda");
+    let q = posture();
+    let mut control = JointController::new(inverse_dynamics(), observing(&robot, &q));
+    control.soften(true);
+    control.distrust([false, true, false, false, false, false, false]);
+    control.brake_by_joint(&q);
+    let weight = robot.gravity(&q);
+    for speed in [0.0, 0.5, -40.0] {
+        // The others turn at 0.2 rad/s; of the second joint something absurd is believed.
+        let mut believed = q;
+        believed[1] += 0.03 * speed;
+        let mut qd = SVector::repeat(0.2);
+        qd[1] = speed;
+        let tau = control.torque(&robot, &believed, &qd, &at_rest(believed)).tau;
+        assert!((tau[1] - weight[1]).abs() < 1e-9, "{speed}: {} and not {}", tau[1], weight[1]);
+        assert!((0..7).filter(|i| *i != 1).all(|i| tau[i] < weight[i]), "{speed}: {tau} {weight}");
+        let (.., qdd) = control.expected_motion().map_or((0.0, 0.0), |(_, qd, qdd)| (qd[1], qdd[1]));
+        assert_eq!(qdd, 0.0);
+    }
+}

@@ -13,6 +13,11 @@ impl<const N: usize> JointObserver<N> {
         Some((q, qd, qdd))
     }
 
+    /// The joints whose encoders are not trusted.
+    pub(in crate::motion) fn unheard(&self) -> [bool; N] {
+        self.unheard
+    }
+
     /// Learns nothing more from joints whose encoders are not trusted, and forgets what was learnt since their readings last changed.
     pub(in crate::motion) fn distrust(&mut self, joints: [bool; N]) {
         if joints != self.unheard {

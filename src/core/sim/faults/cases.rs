@@ -4,8 +4,46 @@
 
 use crate::control::safety::Fault;
 
-/// The run files of a campaign.
-pub const CAMPAIGN_ARMS: [&str; 3] = ["ur5", "panda", "xarm7"];
+/// An arm of a campaign.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct CampaignArm {
+    /// Its name.
+    pub name: &'static str,
+    /// Shipped run file.
+    pub file: &'static str,
+    /// Changes to it, which make the arm unlike its model, or its drive another one.
+    pub set: &'static [&'static str],
+}
+
+/// The arms of a campaign: as their models are, with untold loads, rotors and friction, and before a drive with a servo of its own.
+pub const CAMPAIGN_ARMS: [CampaignArm; 6] = [
+    CampaignArm { name: "ur5", file: "ur5", set: &[] },
+    CampaignArm { name: "panda", file: "panda", set: &[] },
+    CampaignArm { name: "xarm7", file: "xarm7", set: &[] },
+    CampaignArm {
+        name: "ur5-unlike",
+        file: "ur5",
+        set: &[
+            "drive.simulated.payload_kg=2.5",
+            "drive.simulated.payload_com_m=[0.03,-0.02,0.08]",
+            "drive.simulated.untold_rotor_share=0.5",
+            "drive.simulated.untold_coulomb_share=0.02",
+            "drive.simulated.command_delay_ticks=1",
+        ],
+    },
+    CampaignArm {
+        name: "panda-unlike",
+        file: "panda",
+        set: &[
+            "drive.simulated.payload_kg=1.5",
+            "drive.simulated.payload_com_m=[-0.02,0.03,0.06]",
+            "drive.simulated.untold_rotor_share=0.3",
+            "drive.simulated.friction_spread=0.4",
+            "drive.simulated.command_delay_ticks=2",
+        ],
+    },
+    CampaignArm { name: "ur5-velocity", file: "ur5", set: &["drive.mode=velocity"] },
+];
 
 /// The laws of a campaign: position-based (10.76), image-based by the mean of both matrices (10.90), hybrid.
 pub const CAMPAIGN_LAWS: [(&str, &[&str]); 3] = [
@@ -80,6 +118,11 @@ pub const FAULT_CASES: &[FaultCase] = &[
     case("saturated", "kind='saturated',duration_s=0.6", CONVERGES),
     case("torn", "kind='torn',duration_s=1.0,probability=0.5", CONVERGES),
     case("corrupt", "kind='corrupt',duration_s=1.0,share=0.1", CONVERGES),
+    case("clock-jump", "kind='clock_jump',duration_s=100.0,delay_ms=200.0", HOLDS),
+    case("clock-back", "kind='clock_jump',duration_s=100.0,delay_ms=-200.0", HOLDS),
+    case("clock-flicker", "kind='clock_jump',duration_s=1.0,probability=0.3,delay_ms=-100.0", CONVERGES),
+    case("false-target", "kind='false_target',duration_s=0.6", CONVERGES),
+    case("overtaken", "kind='overtaken',duration_s=1.0,probability=0.5", CONVERGES),
     case("stale", "kind='stale',duration_s=0.6,probability=0.6", CONVERGES),
     case("jump", "kind='jump',duration_s=1.0,probability=0.2,size_px=20.0", CONVERGES),
     case("jump-lasting", "kind='jump',duration_s=0.6,size_px=20.0", CONVERGES),
@@ -109,4 +152,6 @@ pub const FAULT_CASES: &[FaultCase] = &[
     case("torque-loss", "kind='torque_loss',duration_s=0.6,share=0.3,joint=1", WEAK),
     case("torque-gone", "kind='torque_loss',duration_s=100.0,share=1.0,joint=0", GONE),
     case("stale-state", "kind='stale_state',duration_s=1.0,probability=0.3", ENCODER),
+    case("lost-command", "kind='lost_command',duration_s=1.0,probability=0.2", CONVERGES),
+    case("lost-commands", "kind='lost_command',duration_s=0.03", WEAK),
 ];

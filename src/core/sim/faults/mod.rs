@@ -9,7 +9,7 @@
 mod cases;
 mod table;
 
-pub use cases::{CAMPAIGN_ARMS, CAMPAIGN_LAWS, FAULT_CASES, FaultCase, RightEnds};
+pub use cases::{CAMPAIGN_ARMS, CAMPAIGN_LAWS, CampaignArm, FAULT_CASES, FaultCase, RightEnds};
 pub use table::FaultTable;
 
 use crate::config::{Config, ConfigError};
@@ -64,8 +64,8 @@ pub struct FaultJob {
     pub case: &'static FaultCase,
     /// Name and settings of the law.
     pub law: &'static (&'static str, &'static [&'static str]),
-    /// Shipped run file.
-    pub arm: &'static str,
+    /// The arm.
+    pub arm: &'static CampaignArm,
     /// Seed of the run.
     pub seed: u64,
 }
@@ -77,7 +77,7 @@ pub fn jobs(cases: &[String], laws: &[String], arms: &[String], seeds: u64) -> V
     let mut all = Vec::new();
     for case in FAULT_CASES.iter().filter(|case| asked(cases, case.name)) {
         for law in CAMPAIGN_LAWS.iter().filter(|law| asked(laws, law.0)) {
-            for arm in CAMPAIGN_ARMS.into_iter().filter(|arm| asked(arms, arm)) {
+            for arm in CAMPAIGN_ARMS.iter().filter(|arm| asked(arms, arm.name)) {
                 all.extend((1..=seeds).map(|seed| FaultJob { case, law, arm, seed }));
             }
         }
@@ -132,7 +132,7 @@ impl FaultJob {
     pub fn settings(&self) -> Vec<String> {
         let from_s = FROM_S + LATER_S * ((self.seed - 1) % TIMES) as f64;
         let mut set: Vec<String> = self.law.1.iter().map(ToString::to_string).collect();
-        set.extend(self.case.set.iter().map(ToString::to_string));
+        set.extend(self.arm.set.iter().chain(self.case.set).map(ToString::to_string));
         if !self.case.fault.is_empty() {
             set.push(format!("faults=[{{from_s={from_s:.2},{}}}]", self.case.fault));
         }
@@ -145,7 +145,7 @@ impl FaultJob {
         let set: String = self.settings().iter().map(|set| format!(" --set '{set}'")).collect();
         format!(
             "vservo run {} --clock lockstep --seed {} --duration-s {DURATION_S}{set}",
-            self.arm, self.seed
+            self.arm.file, self.seed
         )
     }
 
@@ -154,12 +154,12 @@ impl FaultJob {
     /// # Errors
     /// [`CampaignError`].
     pub fn run(&self) -> Result<FaultRun, CampaignError> {
-        let what = || format!("{} under {} on {}", self.case.name, self.law.0, self.arm);
+        let what = || format!("{} under {} on {}", self.case.name, self.law.0, self.arm.name);
         let mut set = self.settings();
         set.push("run.clock=lockstep".into());
         set.push(format!("run.duration_s={DURATION_S}"));
         set.push(format!("run.seed={}", self.seed));
-        let config = Config::load(Some(Path::new(self.arm)), &set)
+        let config = Config::load(Some(Path::new(self.arm.file)), &set)
             .map_err(|cause| CampaignError::RunFile { what: what(), cause })?;
         let mut plant = PlantWatch::of(&config);
         let run = simulate_system(&config, &mut |moment| {
@@ -187,7 +187,7 @@ impl FaultJob {
         FaultRun {
             case: self.case.name,
             law: self.law.0,
-            arm: self.arm,
+            arm: self.arm.name,
             seed: self.seed,
             outcome: run.finish.outcome,
             reason: run.finish.reason,
