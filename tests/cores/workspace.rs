@@ -1,7 +1,7 @@
 //! Limits in space in whole runs: the true arm stays inside, its speeds below what is allowed, and its joints within their limits; goals inside are
 //! reached, and the others are not, with the reason. Places are judged by the forward kinematics, without the code that is tested.
 
-#![allow(non_snake_case, clippy::unwrap_used, clippy::panic)] // helpers of tests are tests
+#![allow(non_snake_case, clippy::unwrap_used, clippy::panic, clippy::print_stdout)] // helpers of tests are tests; numbers for people
 
 use crate::plant::{self, Plant, config};
 use nalgebra::{Point3, SVector, Vector3};
@@ -303,4 +303,75 @@ fn an_arm_beyond_a_plane_is_led_back_by_goto_alone() {
     assert!(height() > 0.01 && control.state() == ControlState::Held, "{} {:?}", height(), control.state());
     // Down again, through the table, is refused.
     assert_eq!(control.ask(3, Request::Goto, &farther), Err(Refusal::OutOfWorkspace));
+}
+
+/// Distance of the wrist's links from the upper arm of a UR5 beyond their radii, m, by points along them.
+fn wrist_from_upper_arm(robot: &Robot<6>, q: &SVector<f64, 6>, radius_m: f64) -> f64 {
+    const POINTS: usize = 40;
+    let o = robot.joint_origins(q);
+    let flange = robot.forward(q).translation.vector;
+    let along = |a: Vector3<f64>, b: Vector3<f64>| {
+        (0..=POINTS).map(move |k| a + (b - a) * (k as f64 / POINTS as f64)).collect::<Vec<_>>()
+    };
+    let upper_arm = along(o[1], o[2]);
+    let wrist = [along(o[3], o[4]), along(o[4], o[5]), along(o[5], flange)].concat();
+    let pairs = upper_arm.iter().flat_map(|a| wrist.iter().map(move |b| (a - b).norm()));
+    pairs.fold(f64::INFINITY, f64::min) - 2.0 * radius_m
+}
+
+/// A UR5 is asked for postures at random that fold it: with `workspace.self_collision` the true arm never touches itself, without it does.
+#[test]
+fn an_arm_that_is_told_to_fold_keeps_off_itself() {
+    let nearest = |set: &str| {
+        let config = config("ur5.toml", &[set, "workspace.link_radius_m=[0.05]", "run.serve=true"]);
+        let robot: Robot<6> = config.robot.build().unwrap();
+        let plant = Plant::new(&config, &robot, SVector::zeros());
+        let log = plant.log();
+        let mut control = assemble::control_loop_with(&config, robot.clone(), Box::new(plant)).unwrap();
+        let q_start = assemble::q_start::<6>(&config).unwrap();
+        let (mut random, mut k) = (Random::new(3), 0_i64);
+        let (mut moved, mut refused) = (0, 0);
+        for id in 1..=12 {
+            // The elbow nearly closed, the wrist anywhere.
+            let mut q = q_start;
+            q[2] = if id % 2 == 0 { 2.75 } else { 1.4 };
+            (3..6).for_each(|i| q[i] = q_start[i] + 3.0 * (random.uniform() - 0.5));
+            let goto = ControlCommand::with_numbers(Request::Goto as u32, CommandForm::Joints, q.as_slice());
+            match control.ask(id, Request::Goto, &goto.unwrap()) {
+                Ok(_) => moved += 1,
+                Err(refusal) => {
+                    assert_eq!(refusal, Refusal::OutOfWorkspace);
+                    refused += 1;
+                }
+            }
+            for _ in 0..3000 {
+                let now = MonoNs(k * plant::MS);
+                control.sense(k as u64, now);
+                let trace = control.act(now, None);
+                assert_eq!(trace.fault, None, "{set}, posture {id}");
+                k += 1;
+            }
+        }
+        // A client's velocities, which know of no obstacle, close the elbow at 0.4 rad/s from where the arm is.
+        for id in 13..=80 {
+            let velocity = [0.0, 0.0, 0.4, 0.0, 0.0, 0.0, 0.2];
+            let form = CommandForm::JointVelocity;
+            let velocity = ControlCommand::with_numbers(Request::Velocity as u32, form, &velocity).unwrap();
+            control.ask(id, Request::Velocity, &velocity).unwrap();
+            for _ in 0..150 {
+                let now = MonoNs(k * plant::MS);
+                control.sense(k as u64, now);
+                assert_eq!(control.act(now, None).fault, None, "{set}, velocity {id}");
+                k += 1;
+            }
+        }
+        let course = log.lock().unwrap();
+        let near = course.iter().step_by(5).map(|tick| wrist_from_upper_arm(&robot, &tick.q, 0.05));
+        (near.fold(f64::INFINITY, f64::min), moved, refused)
+    };
+    let (near, moved, refused) = nearest("workspace.self_collision=true");
+    println!("{near:.4} m, {moved} moved, {refused} refused");
+    assert!((-1e-3..0.03).contains(&near) && refused > 0, "{near} m, {moved} moved, {refused} refused");
+    let (near, moved, refused) = nearest("workspace.self_collision=false");
+    assert!(near < -0.02 && (moved, refused) == (12, 0), "{near} m, {moved} moved, {refused} refused");
 }

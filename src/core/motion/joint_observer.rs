@@ -27,6 +27,7 @@
 //! measures the motion ([`UnobservedMotion`]): the joint displacement between two exposures, minus the estimated one, is an error of `v^`.
 
 mod bandwidth;
+mod bound;
 mod camera_correction;
 mod confirmed_friction;
 mod found_steps;
@@ -43,6 +44,7 @@ use crate::robot::{Friction, Robot};
 use crate::servo::UnobservedMotion;
 use crate::time::{MonoNs, TICK};
 use bandwidth::{QUIET, STEP_GAIN};
+use bound::within;
 use camera_correction::CameraCorrection;
 use confirmed_friction::{ConfirmedFriction, FrictionResponse};
 use found_steps::FoundSteps;
@@ -292,8 +294,7 @@ impl<const N: usize> JointObserver<N> {
         *v += dv;
         if !self.settled && self.settings.disturbance_rad_s > 0.0 {
             let most = &self.settings.max_acceleration;
-            self.p =
-                (self.p + dv * camera_correction::RATE_1_S).zip_map(most, |p, most| p.clamp(-most, most));
+            self.p = within(self.p, self.p + dv * camera_correction::RATE_1_S, most);
         }
     }
 
@@ -348,6 +349,7 @@ impl<const N: usize> JointObserver<N> {
         let bandwidths: [f64; N] = std::array::from_fn(|i| self.bandwidth(i));
         let trust = self.camera.trust();
         let probing = !self.believed && self.confirmed.is_probing();
+        let mut p = self.p;
         for i in 0..N {
             let mut rate =
                 if self.settled || self.unheard[i] { 0.0 } else { settings.disturbance_rad_s * self.share };
@@ -414,12 +416,12 @@ impl<const N: usize> JointObserver<N> {
                     continue;
                 }
                 self.friction.learn(i, known * friction.coulomb, &residual, h);
-                let most = settings.max_acceleration[i];
-                self.p[i] = (self.p[i] + rate * accelerated).clamp(-most, most);
+                p[i] += rate * accelerated;
                 let most = robot.limits()[i].effort;
                 self.t[i] = (self.t[i] + rate * h * (rubbed - commanded.feedback[i])).clamp(-most, most);
             }
         }
+        self.p = within(self.p, p, &settings.max_acceleration);
         if !self.settled {
             self.past.note(&self.p, &self.t);
         }

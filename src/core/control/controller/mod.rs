@@ -99,6 +99,8 @@ pub struct Controller<const N: usize> {
     /// When the reference came to rest while the arm is to stand, and when braking began.
     rests_since: Option<MonoNs>,
     brakes_since: Option<MonoNs>,
+    /// Whether the arm has come to rest since then.
+    has_rested: bool,
     /// Longest time from any motion to rest.
     longest_braking: SpanNs,
     events: Events,
@@ -152,6 +154,7 @@ impl<const N: usize> Controller<N> {
             rests_since: None,
             brakes_since: None,
             longest_braking: braking,
+            has_rested: false,
             events: Events::default(),
         }
     }
@@ -278,7 +281,9 @@ impl<const N: usize> Controller<N> {
         // What does not reach the arm may wind up.
         let fault = fault.filter(|fault| self.obeys || *fault != Fault::CommandsRefused);
         let in_space = self.watch_space(&measured);
-        if let Some(fault) = fault.or(in_space).or_else(|| self.astray(&measured, &state.qd, &motion, seen)) {
+        if let Some(fault) =
+            fault.or(in_space).or_else(|| self.astray(now, (&measured, &state.qd), &motion, seen))
+        {
             self.fail(fault);
         }
         self.note_rest(now, seen && self.encoder_watch.distrusted() == [false; N]);
@@ -388,8 +393,8 @@ impl<const N: usize> Controller<N> {
     /// `qd`, the estimated velocity instead of that of a coarse encoder at a single tick.
     fn astray(
         &mut self,
-        state: &DriveState<N>,
-        qd: &SVector<f64, N>,
+        now: MonoNs,
+        (state, qd): (&DriveState<N>, &SVector<f64, N>),
         motion: &TickMotion<N>,
         seen: bool,
     ) -> Option<Fault> {
@@ -401,12 +406,18 @@ impl<const N: usize> Controller<N> {
             // An arm that does not brake as commanded deviates from its model: it is damped until it has nearly stopped.
             let is_wild =
                 self.back.is_none() && (0..N).any(|i| qd[i].abs() > WILD * self.arm.limits.velocity[i]);
-            let astray = distance > ASTRAY * self.max_tracking_error || self.joint_control.damps() || is_wild;
+            // Motions that its model damps little (of joints about nearly the same axis, against each other) go on for seconds.
+            let is_overdue =
+                self.back.is_none() && !self.floats() && qd.amax() > SLOW && self.is_overdue(now);
+            let astray = distance > ASTRAY * self.max_tracking_error
+                || self.joint_control.damps()
+                || is_wild
+                || is_overdue;
             if self.mode == CommandMode::Torque && (astray || self.floats()) {
                 self.reference.reset_to_measured(&state.q, qd);
                 self.joint_control.damp(qd.amax() > SLOW || self.floats());
                 // What the working joints do, learnt as a disturbance, would drive one whose encoder says nothing.
-                if is_wild || self.encoder_watch.distrusted() != [false; N] {
+                if is_wild || is_overdue || self.encoder_watch.distrusted() != [false; N] {
                     self.joint_control.brake_by_joint(&state.q);
                 }
             }

@@ -8,7 +8,16 @@ const PATIENCE: SpanNs = SpanNs(3_000_000_000);
 /// The same of an arm with a joint whose encoder says nothing: no motor can brake that one, and the sooner the run ends, the sooner the drive's brakes do. Chosen by hand.
 const PATIENCE_UNHEARD: SpanNs = SpanNs(200_000_000);
 
+/// How much longer than within its limits an arm may take to brake before each joint is braked by itself. Chosen by hand: what is off its model by a tenth is at rest by then.
+const OVERDUE: SpanNs = SpanNs(200_000_000);
+
 impl<const N: usize> Controller<N> {
+    /// Whether an arm in a fault should have come to rest at `now`, and never has since braking began.
+    pub(super) fn is_overdue(&self, now: MonoNs) -> bool {
+        let longest = SpanNs(self.longest_braking.0.saturating_add(OVERDUE.0));
+        !self.has_rested && self.brakes_since.is_some_and(|since| now - since > longest)
+    }
+
     /// Notes whether the arm stands at `now`; `seen`: its state is known.
     pub(super) fn note_rest(&mut self, now: MonoNs, seen: bool) {
         let brakes = matches!(self.state, State::Stopping | State::Failing | State::Fault | State::Clearing);
@@ -32,5 +41,6 @@ impl<const N: usize> Controller<N> {
         } else {
             Rest::Moving
         };
+        self.has_rested = brakes && (self.has_rested || self.rest == Rest::AtRest);
     }
 }
