@@ -250,6 +250,8 @@ impl Arm {
     /// # Errors
     /// When the controller does not run it.
     pub fn start(&mut self) -> Result<(), UrError> {
+        // Registers keep what the program before wrote until this one writes: by its session it is known to run.
+        self.program.session = session(self.settings.clock);
         self.command(Command::Hold)?;
         let _stream = send_program(&self.settings, &self.program.text())?;
         let session = self.program.session;
