@@ -47,6 +47,14 @@ fn every_fault_ends_as_it_should_within_limits() {
             "{}",
             at()
         );
+        // Stamps that are wrong for good are told as that.
+        match run.case {
+            "clock-back" => {
+                assert!(run.reason.contains("older than safety.measurement_timeout_ms"), "{}", at())
+            }
+            "clock-jump" => assert!(run.reason.contains("too far in the future"), "{}", at()),
+            _ => {}
+        }
         // An arm whose motor is gone cannot rest.
         let has_no_brake = job.case.ends.has_no_brake;
         assert!(run.is_right && (run.is_at_rest || has_no_brake), "{}", at());

@@ -251,10 +251,10 @@ impl Arm {
     /// When the controller does not run it.
     pub fn start(&mut self) -> Result<(), UrError> {
         // Registers keep what the program before wrote until this one writes: by its session it is known to run.
-        self.program.session = session(self.settings.clock);
+        let session = session(self.settings.clock);
+        self.program.session = session;
         self.command(Command::Hold)?;
         let _stream = send_program(&self.settings, &self.program.text())?;
-        let session = self.program.session;
         let runs =
             self.await_state(self.settings.patience, |s| s.holds_for(session) || !s.safety.lets_move())?;
         match runs {

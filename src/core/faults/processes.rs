@@ -1,7 +1,7 @@
 //! Faults of the processes that see: they die, hang, or are slow.
 
 use super::FaultWindow;
-use crate::time::{MonoNs, SpanNs};
+use crate::time::SpanNs;
 use serde::{Deserialize, Serialize};
 
 /// A process that something is wrong with.
@@ -50,7 +50,7 @@ impl ProcessFaults {
 
     /// What acts at frame `id`, each with how long it lasts from then on.
     pub fn acting(&self, id: u64) -> impl Iterator<Item = (ProcessFault, SpanNs)> {
-        let time = MonoNs((id as f64 * self.period_ns).round() as i64) - MonoNs::ZERO;
+        let time = SpanNs((id as f64 * self.period_ns).round() as i64);
         let acts = move |(_, window): &&(_, FaultWindow)| window.acts(time, id);
         self.list.iter().filter(acts).map(move |(fault, window)| (*fault, SpanNs(window.until.0 - time.0)))
     }
