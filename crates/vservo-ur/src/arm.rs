@@ -16,7 +16,7 @@ use crate::dashboard::Dashboard;
 use crate::program::{Payload, ProgramSettings, command, state as program_state};
 use crate::robot::{RobotMode, RuntimeState, Series, Version};
 use crate::rtde::{DataType, Recipe, RtdeClient, RtdeSettings, nanoseconds};
-use crate::{Clock, JOINTS, Joints, UrError};
+use crate::{Clock, JOINTS, UrError};
 use crate::{ClockEstimate, ClockMap};
 use recovery::{Halt, send_program};
 use state::{Places, plausible, read};
@@ -44,8 +44,6 @@ pub struct Arm {
     program: ProgramSettings,
     clock_map: ClockMap,
     count: i32,
-    /// The positions that were commanded last, and when by the robot's clock.
-    goal: Option<(f64, Joints)>,
     last: Option<ArmState>,
     standing: u32,
     /// States that were not there when they were due, by the controller's time.
@@ -76,6 +74,7 @@ impl Arm {
             session: session(settings.clock),
             lookahead_s: settings.lookahead_s,
             gain: settings.gain,
+            fastest_rad_s: settings.fastest_rad_s,
             speed_acceleration_rad_s2: settings.speed_acceleration_rad_s2,
             stop_deceleration_rad_s2: settings.stop_deceleration_rad_s2,
             watchdog: settings.watchdog,
@@ -95,7 +94,6 @@ impl Arm {
             program,
             clock_map: ClockMap::default(),
             count: 0,
-            goal: None,
             last: None,
             standing: 0,
             gaps: 0,
@@ -344,13 +342,10 @@ impl Arm {
         self.count = self.count.wrapping_add(1).max(1);
         let (code, values) = match what {
             Command::Hold => (command::HOLD, [0.0; JOINTS]),
-            Command::Position(q) => (command::POSITION, self.approach(q)),
+            Command::Position(q) => (command::POSITION, q),
             Command::Velocity(qd) => (command::VELOCITY, qd),
             Command::End => (command::END, [0.0; JOINTS]),
         };
-        if !matches!(what, Command::Position(_)) {
-            self.goal = None;
-        }
         // A number that is none moves no arm.
         let code = if values.iter().all(|v| v.is_finite()) { code } else { command::HOLD };
         let (count, session) = (self.count, self.program.session);
@@ -361,20 +356,6 @@ impl Arm {
                 .put(&session.to_be_bytes())
                 .joints(&values);
         })
-    }
-
-    /// The goal, or as far on the way to it from the last one, or from the arm, as a joint comes in a cycle: where commands were late, the next one would be a jump.
-    fn approach(&mut self, q: Joints) -> Joints {
-        let Some(last) = self.last.filter(|_| q.iter().all(|v| v.is_finite())) else { return q };
-        let (then_s, from) = self.goal.unwrap_or((f64::NEG_INFINITY, last.q));
-        let passed_s = (last.robot_s - then_s).clamp(0.0, 1.0 / self.series.rate_hz());
-        let most = self.settings.fastest_rad_s * passed_s;
-        let mut goal = from;
-        for (goal, q) in goal.iter_mut().zip(&q) {
-            *goal += (q - *goal).clamp(-most, most);
-        }
-        self.goal = Some((last.robot_s, goal));
-        goal
     }
 
     /// Brakes the arm, waits for its rest, and ends the program.

@@ -8,6 +8,8 @@
 //! int o+2    the session                         int o+2    the session
 //! double o to o+5   q, rad, or qd, rad/s
 //! ```
+//! The target of `servoj` goes from where it is to what is commanded at most as fast as a joint may: after a network that stood still the next position
+//! is ahead by all that the arm was to go meanwhile, and a robot takes that leap for a collision course.
 //! What registers hold from another session is not obeyed. When the count stands still for the watchdog's time, the program brakes the arm with `stopj`
 //! and ends: it stops by itself when the driver, its machine, or the network fails. A new start takes a new program.
 
@@ -66,6 +68,8 @@ pub struct ProgramSettings {
     pub lookahead_s: f64,
     /// `gain` of `servoj`: 100 to 2000 by the maker's documentation.
     pub gain: f64,
+    /// Fastest that the target of `servoj` moves, rad/s.
+    pub fastest_rad_s: f64,
     /// Acceleration of `speedj`, rad/s2.
     pub speed_acceleration_rad_s2: f64,
     /// Deceleration of `stopj`, rad/s2.
@@ -112,6 +116,7 @@ impl ProgramSettings {
         let o = usize::from(self.registers);
         let step_s = 1.0 / self.series.rate_hz();
         let cycles = |s: f64| (s / step_s).ceil().max(1.0) as u64;
+        let most = self.fastest_rad_s * step_s;
         let joints: Vec<_> = (o..o + 6).map(|i| format!("read_input_float_register({i})")).collect();
         let joints = joints.join(", ");
         let payload = self.payload_line();
@@ -126,6 +131,7 @@ def vservo_drive():
   count = -1
   silent = 0
   moving = False
+  goal = get_target_joint_positions()
   running = True
   why = {ended}
 {payload}  write_output_integer_register({o1}, count)
@@ -151,13 +157,24 @@ def vservo_drive():
     elif command == {position}:
       moving = True
       write_output_integer_register({o0}, {moves})
-      q = [{joints}]
-      servoj(q, 0, 0, {step_s}, {lookahead}, {gain})
+      i = 0
+      while i < 6:
+        step = read_input_float_register({o0} + i) - goal[i]
+        if step > {most}:
+          step = {most}
+        elif step < -{most}:
+          step = -{most}
+        end
+        goal[i] = goal[i] + step
+        i = i + 1
+      end
+      servoj(goal, 0, 0, {step_s}, {lookahead}, {gain})
     elif command == {velocity}:
       moving = True
       write_output_integer_register({o0}, {moves})
       qd = [{joints}]
       speedj(qd, {acceleration}, {step_s})
+      goal = get_target_joint_positions()
     elif command == {end}:
       running = False
     else:
@@ -167,6 +184,7 @@ def vservo_drive():
         write_output_integer_register({o0}, {holds})
       end
       sync()
+      goal = get_target_joint_positions()
     end
   end
   stopj(stop_deceleration)

@@ -249,6 +249,31 @@ fn commands_that_are_none_or_jump_do_not_stop_the_arm() {
     assert_at_rest(&robot);
 }
 
+/// A network that stands still while the arm moves, for less than the watchdog's time, and then brings what is newest: the robot neither sees a leap nor stops.
+#[test]
+fn a_network_that_stands_still_makes_no_leap() {
+    let robot = robot(Series::ESeries, true);
+    let mut arm = started(settings(&robot)).unwrap();
+    let goal = |t: f64| {
+        let mut q = Q;
+        q[0] += 1.8 * (t - 0.3 * (1.0 - (-t / 0.3).exp()));
+        q[5] -= 2.0 * (t - 0.3 * (1.0 - (-t / 0.3).exp()));
+        Command::Position(q)
+    };
+    let mut stalls = [0.8, 1.1].into_iter().peekable();
+    drive(&mut arm, 1.5, |t| {
+        if stalls.next_if(|at| t > *at).is_some() {
+            robot.inject(Fault::DeafFor(0.08));
+        }
+        goal(t)
+    })
+    .unwrap();
+    assert_eq!(robot.modes().1, SafetyMode::Normal, "{:?}", robot.log());
+    assert!(stalls.next().is_none());
+    arm.come_to_rest().unwrap();
+    assert_at_rest(&robot);
+}
+
 /// Programs that are wrong are told with their line, and move nothing: the interpreter runs what is sent, not what is meant.
 #[test]
 fn a_program_is_run_as_it_is_written() {

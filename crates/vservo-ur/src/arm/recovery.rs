@@ -70,7 +70,6 @@ impl Arm {
     /// After an error that [is of the robot](UrError::is_of_the_robot): its states go on, and [`Self::recover`] brings its program back.
     pub fn halt(&mut self) {
         self.started = false;
-        self.goal = None;
         let mut halt = Halt::new();
         if let Some(last) = &self.last {
             halt.note(last);

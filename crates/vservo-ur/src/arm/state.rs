@@ -33,7 +33,7 @@ pub struct ArmSettings {
     pub speed_acceleration_rad_s2: f64,
     /// Deceleration of `stopj`, rad/s2.
     pub stop_deceleration_rad_s2: f64,
-    /// Fastest that commanded positions move, rad/s: where commands were late, the next one is approached so fast instead of at once.
+    /// Fastest that commanded positions move, rad/s: where commands were late, the robot's program approaches the next one so fast instead of at once.
     pub fastest_rad_s: f64,
     /// How long the robot goes on without a new command.
     pub watchdog: Duration,

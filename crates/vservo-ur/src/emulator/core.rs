@@ -130,7 +130,7 @@ impl Core {
         let dt_s = self.period_s();
         self.cycle += 1;
         self.time_s += dt_s;
-        if !self.faults.deaf {
+        if self.faults.deaf_until_s.is_none_or(|until| self.time_s > until) {
             self.inputs = self.coming;
         }
         if let Some((_, next)) = self.under_way.filter(|(at, _)| self.time_s >= *at) {

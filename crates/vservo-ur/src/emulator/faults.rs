@@ -19,6 +19,8 @@ pub enum Fault {
     Mute,
     /// Registers that come are not taken.
     Deaf,
+    /// Nor for some time, s, after which the newest are: a network that stands still.
+    DeafFor(f64),
     /// The time of states stands.
     StaleStamps,
     /// Packages come in halves, 1 ms apart.
@@ -111,7 +113,8 @@ pub(super) enum Pieces {
 #[derive(Debug, Clone, Default)]
 pub(super) struct Faults {
     pub(super) mute: bool,
-    pub(super) deaf: bool,
+    /// Until when, by the robot's clock, s.
+    pub(super) deaf_until_s: Option<f64>,
     pub(super) stale_at_s: Option<f64>,
     pub(super) pieces: Pieces,
     pub(super) cut_once: bool,

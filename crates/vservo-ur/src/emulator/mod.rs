@@ -181,7 +181,8 @@ impl Emulator {
             }
             Fault::ResetConnections => core.faults.reset_before = newest,
             Fault::Mute => core.faults.mute = true,
-            Fault::Deaf => core.faults.deaf = true,
+            Fault::Deaf => core.faults.deaf_until_s = Some(f64::INFINITY),
+            Fault::DeafFor(s) => core.faults.deaf_until_s = Some(core.time_s + s),
             Fault::StaleStamps => core.faults.stale_at_s = Some(core.time_s),
             Fault::HalfPackages => core.faults.pieces = Pieces::Halves,
             Fault::ByteByByte => core.faults.pieces = Pieces::Bytes,
