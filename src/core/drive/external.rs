@@ -15,7 +15,9 @@ use crate::time::TICK;
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::SVector;
 
-/// A state older than this is late even if it is new: sampled in the tick before the last one.
+/// The slowest cycle of a drive, 125 Hz: what comes more seldom is late.
+const SLOWEST: SpanNs = SpanNs(8_000_000);
+/// A state older than this and a cycle of the drive, less a tick, is late even if it is new: of a drive at 1 kHz, sampled in the tick before the last one.
 const LATE: SpanNs = SpanNs(2 * TICK.0);
 
 /// Carries messages to and from a drive; never waits.
@@ -37,6 +39,10 @@ pub struct ExternalDrive<const N: usize> {
     measured: Option<SVector<f64, N>>,
     /// When `state` was sampled.
     stamp: MonoNs,
+    /// Shortest time between two states; none before the second.
+    cycle: Option<SpanNs>,
+    /// When a new state was last found.
+    fresh_at: MonoNs,
     first: Option<MonoNs>,
     now: MonoNs,
     /// That of the last command.
@@ -61,6 +67,8 @@ impl<const N: usize> ExternalDrive<N> {
             state: DriveState { q, qd: SVector::zeros(), truth: None },
             measured: None,
             stamp: MonoNs(i64::MIN),
+            cycle: None,
+            fresh_at: MonoNs::ZERO,
             first: None,
             now: MonoNs::ZERO,
             last_tick: None,
@@ -98,6 +106,25 @@ impl<const N: usize> ExternalDrive<N> {
         });
     }
 
+    /// The cycle of the drive is the shortest time between two of its states: a drive slower than control is not late in the ticks between.
+    fn note_cycle(&mut self, stamp: MonoNs) {
+        if self.stamp.0 != i64::MIN && stamp > self.stamp {
+            let between = stamp - self.stamp;
+            self.cycle = Some(self.cycle.map_or(between, |cycle| cycle.min(between)));
+        }
+    }
+
+    fn note_lateness(&mut self, now: MonoNs, fresh: bool) {
+        let cycle = self.cycle.map_or(TICK, |cycle| cycle.clamp(TICK, SLOWEST));
+        let is_due = now - self.fresh_at >= cycle;
+        if fresh {
+            self.fresh_at = now;
+        }
+        if (!fresh && is_due) || now - self.stamp > SpanNs(LATE.0 + cycle.0 - TICK.0) {
+            self.health.late_states += 1;
+        }
+    }
+
     fn take(&mut self, m: &DriveStateMsg) {
         if m.joints as usize != N {
             self.health.fault.get_or_insert(DriveFault::OutOfStep);
@@ -122,13 +149,12 @@ impl<const N: usize> Drive<N> for ExternalDrive<N> {
         let mut fresh = false;
         while let Some(state) = self.link.receive() {
             if state.stamp >= self.stamp {
+                self.note_cycle(state.stamp);
                 self.take(&state);
                 fresh = true;
             }
         }
-        if !fresh || now - self.stamp > LATE {
-            self.health.late_states += 1;
-        }
+        self.note_lateness(now, fresh);
         // Before the first tick the arm is held by the drive: the wait for the loop to start does not count.
         if now - self.stamp.max(first) > self.timeout {
             self.health.fault.get_or_insert(DriveFault::Stale);

@@ -94,6 +94,32 @@ fn each_wrong_number_is_found_by_its_name() {
     );
 }
 
+/// What rounding makes of the end of a range is no way out of it.
+#[test]
+fn a_position_at_the_end_of_its_range_may_be_rounded() {
+    for side in [1.0, -1.0] {
+        assert_eq!(after(command(7, 2.0 * side, 0.0), |c| c.q_r[0] += side * 5e-5), None);
+        assert_eq!(
+            beyond(after(command(7, 2.0 * side, 0.0), |c| c.q_r[0] += side * 5e-4)),
+            Some((1, GuardedNumber::Position))
+        );
+    }
+}
+
+/// A clock that is set back tells no speed, however far the arm is from where it was.
+#[test]
+fn states_of_a_clock_that_is_set_back_tell_no_speed() {
+    let mut guardian = Guardian::new(limits());
+    assert_eq!(guardian.command(&command(7, 0.0, 0.0)), None);
+    assert_eq!(guardian.state(&state(1000, 0.0, 0.0)), None);
+    assert_eq!(guardian.state(&state(900, 0.5, 0.0)), None);
+    assert_eq!(
+        beyond(guardian.state(&state(1000, 0.9, 0.0))),
+        Some((1, GuardedNumber::MeasuredSpeed)),
+        "judged anew from there"
+    );
+}
+
 #[test]
 fn skipped_ticks_give_a_step_the_time_that_passed() {
     let slow = command(7, 0.5, 0.0);

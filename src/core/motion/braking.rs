@@ -170,6 +170,10 @@ mod tests {
             }
             let end = braked(s, &B, total * (1.0 - 1e-12));
             prop_assert!(end.v.abs() < 1e-6 && end.a.abs() < 1e-4, "{end:?}");
+            let told = extent(s, &B);
+            prop_assert!((told.0 - least).abs() < 1e-5 && (told.1 - most).abs() < 1e-5, "{told:?} {least} {most}");
+            let peak = peak_speed(s, &B);
+            prop_assert!(peak >= fastest - 1e-9 && peak < fastest + 1e-3, "{peak} {fastest}");
             let inside = least >= B.lower && most <= B.upper && fastest <= B.velocity;
             let margin = (least - B.lower).min(B.upper - most).min(B.velocity - fastest).abs();
             prop_assume!(margin > 1e-5);

@@ -149,3 +149,97 @@ impl JointBound {
         if left > 0.0 { JointMotion { q: motion.q, v: 0.0, a: 0.0 } } else { motion }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const DT: f64 = 1e-3;
+
+    fn bound(range: (f64, f64)) -> JointBound {
+        JointBound { range, v: 2.0, a: 10.0, j: 500.0 }
+    }
+
+    fn motion(q: f64, v: f64, a: f64) -> JointMotion {
+        JointMotion { q, v, a }
+    }
+
+    proptest! {
+        /// The way to rest, walked in small steps whose positions are summed by the trapezoidal rule: it holds the limits on acceleration and jerk, ends, is as long
+        /// as `extent` says, and no stop of constant jerk and acceleration limits is shorter where the joint moves the way it accelerates.
+        #[test]
+        fn the_way_to_rest_is_that_of_its_limits(q in -1.0..1.0f64, v in -2.0..2.0f64, a in -10.0..10.0f64) {
+            let b = bound((-9.0, 9.0));
+            let dt = 1e-5;
+            let (mut at, mut sum) = (motion(q, v, a), q);
+            let (mut low, mut high, mut steps) = (q, q, 0);
+            while at.v != 0.0 || at.a != 0.0 {
+                let next = b.stopping(at, dt);
+                prop_assert!(next.a.abs() <= b.a.max(a.abs()) + 1e-9, "{next:?}");
+                let rests = next.v == 0.0 && next.a == 0.0;
+                prop_assert!((next.a - at.a).abs() <= b.j * dt * (1.0 + 1e-6) || rests, "{at:?} {next:?}");
+                sum += 0.5 * dt * (at.v + next.v);
+                (at, low, high) = (next, low.min(sum), high.max(sum));
+                steps += 1;
+                prop_assert!(steps < 100_000, "no end");
+            }
+            let told = b.extent(motion(q, v, a));
+            prop_assert!((told.0 - low).abs() < 1e-6 && (told.1 - high).abs() < 1e-6, "{told:?} {low} {high}");
+            prop_assert!((at.q - sum).abs() < 1e-6);
+        }
+
+        /// From the edge of what is admitted the joint stops within its range: walked tick by tick.
+        #[test]
+        fn what_can_stop_stays_in_its_range(q in -1.0..1.0f64, v in -2.0..2.0f64, a in -10.0..10.0f64) {
+            let b = bound((-0.4, 0.6));
+            let mut at = motion(q, v, a);
+            let may = b.can_stop(at, q, 0.0);
+            let (mut low, mut high) = (q, q);
+            let fastest = v.abs().max((v + a * a.abs() / (2.0 * b.j)).abs());
+            while at.v != 0.0 || at.a != 0.0 {
+                at = b.stopping(at, 1e-4);
+                (low, high) = (low.min(at.q), high.max(at.q));
+            }
+            let inside = low >= b.range.0.min(q) - 1e-5 && high <= b.range.1.max(q) + 1e-5 && fastest <= b.v + 1e-9;
+            prop_assert!(!may || inside, "{low} {high} {fastest}");
+            let clearly = low > b.range.0 + 1e-5 && high < b.range.1 - 1e-5 && fastest < b.v - 1e-9;
+            prop_assert!(may || !clearly, "{low} {high} {fastest}");
+        }
+    }
+
+    /// A position that does not follow from the velocity, a velocity that does not follow from the acceleration, an acceleration that leaps: each is refused, and what
+    /// a jerk within its limit makes of them is admitted.
+    #[test]
+    fn what_does_not_follow_is_not_admitted() {
+        let b = bound((-9.0, 9.0));
+        for side in [1.0, -1.0] {
+            let now = motion(0.3, 0.7 * side, 2.0 * side);
+            for jerk in [-b.j, 0.0, b.j] {
+                let next = now.after(jerk, DT);
+                assert!(b.admits(now, next, DT), "{jerk}");
+                // Jerk times tick is 0.5 rad/s2: half of it over a tick is 2.5e-4 rad/s, and all of it over two 5e-7 rad.
+                for off in [3.5e-4, -3.5e-4] {
+                    assert!(!b.admits(now, JointMotion { v: next.v + off, ..next }, DT), "{jerk} {off}");
+                }
+                for off in [6.5e-7, -6.5e-7] {
+                    assert!(!b.admits(now, JointMotion { q: next.q + off, ..next }, DT), "{jerk} {off}");
+                }
+            }
+            let next = now.after(0.0, DT);
+            for share in [0.8, -0.8] {
+                assert!(b.admits(now, JointMotion { v: next.v + share * 2.5e-4, ..next }, DT), "{share}");
+                assert!(b.admits(now, JointMotion { q: next.q + share * 5e-7, ..next }, DT), "{share}");
+            }
+            for off in [0.51, -0.51] {
+                assert!(!b.admits(
+                    now,
+                    JointMotion { a: next.a + off, v: next.v + DT * off / 2.0, ..next },
+                    DT
+                ));
+            }
+        }
+        let fast = motion(0.0, 0.0, 10.0);
+        assert!(!b.admits(fast, fast.after(1.0, DT), DT), "beyond the largest acceleration");
+    }
+}

@@ -215,12 +215,57 @@ mod tests {
         for (times, is_fault) in [(1.02, false), (1.3, true)] {
             let (mut bound, q, flange) = bound(0.1);
             assert!(bound.begin(&q));
-            let faults = (0..300).filter_map(|k| {
-                let q = moved(&q, &flange, -1e-4 * times * f64::from(k) * flange.x / flange.xy().norm());
-                bound.watch(&q, &q, true)
+            let first = (0..300).find(|k| {
+                let q = moved(&q, &flange, -1e-4 * times * f64::from(*k) * flange.x / flange.xy().norm());
+                bound.watch(&q, &q, true) == Some(Fault::TooFastInSpace)
             });
-            assert_eq!(faults.last() == Some(Fault::TooFastInSpace), is_fault, "{times}");
+            // The first command has none before it.
+            assert_eq!(first, is_fault.then_some(FAST_PATIENCE as i32), "{times}");
         }
+    }
+
+    /// A UR5 that folds: it is a fault from where the surfaces of two of its parts meet, found from many points of their axes.
+    #[test]
+    fn parts_that_meet_are_a_fault_and_parts_beside_each_other_are_none() {
+        let robot = load("ur5").unwrap().build::<6>().unwrap();
+        let settings = WorkspaceSettings {
+            margin_m: 0.01,
+            sides: Vec::new(),
+            link_radius_m: vec![0.05, 0.06, 0.04, 0.05, 0.04, 0.03],
+            self_collision: true,
+            ..bound(f64::INFINITY).0.settings
+        };
+        let pairs = checked_pairs(&robot, &settings);
+        assert!(pairs.len() > 3);
+        let deepest = |q: &SVector<f64, 6>| {
+            let places = ArmPlaces::of(&robot, &settings, q);
+            let along =
+                |[from, to]: [Vector3<f64>; 2]| (0..=60).map(move |k| from.lerp(&to, f64::from(k) / 60.0));
+            let between = |(a, b): &(Capsule, Capsule)| {
+                let apart = along(a.ends(&places))
+                    .flat_map(|p| along(b.ends(&places)).map(move |r| (p - r).norm()))
+                    .fold(f64::INFINITY, f64::min);
+                a.radius_m + b.radius_m - apart
+            };
+            pairs.iter().map(between).fold(f64::NEG_INFINITY, f64::max)
+        };
+        let (mut met, mut free) = (0, 0);
+        for k in 0..120 {
+            // The elbow closes.
+            let q = SVector::from([0.3, -1.2, 1.5 + 0.0135 * f64::from(k), -0.4, 1.2, 0.2]);
+            let deep = deepest(&q);
+            let mut bound = SpaceBound::new(robot.clone(), &settings);
+            assert!(bound.begin(&SVector::from([0.0, -1.2, 0.8, -1.0, -1.5, 0.0])), "free where it begins");
+            let fault = (0..PATIENCE).find_map(|_| bound.watch(&q, &q, true));
+            if deep > 5e-3 {
+                assert_eq!(fault, Some(Fault::LeavesWorkspace), "{deep}");
+                met += 1;
+            } else if deep < -1e-3 {
+                assert_eq!(fault, None, "{deep}");
+                free += 1;
+            }
+        }
+        assert!(met > 10 && free > 10, "{met} {free}");
     }
 
     /// Against all places of both lines.

@@ -180,5 +180,9 @@ mod tests {
     fn an_arm_that_swings_or_reports_a_velocity_is_not_at_rest() {
         assert!(!rests((0..2100).map(|k| state(0.01 * (30.0 * f64::from(k) * 1e-3).sin(), 0.0))));
         assert!(!rests((0..2100).map(|_| state(0.0, 0.3))));
+        // Three periods in a third of the window: its means tell nothing, and no velocity is reported.
+        let period = PART as f64 / 3.0;
+        let swing = |k: i32| 5e-3 * (std::f64::consts::TAU * f64::from(k) / period).sin();
+        assert!(!rests((0..2100).map(|k| state(swing(k), 0.0))));
     }
 }

@@ -53,10 +53,26 @@ fn the_newest_state_counts_with_its_truth() {
     assert_eq!(d.health(), DriveHealth { late_states: 1, ..Default::default() });
 }
 
+/// A drive of 500 Hz has a state for every second tick: late is what it does not have then.
+#[test]
+fn a_slower_drive_is_late_by_its_own_cycle() {
+    let wire = Wire::default();
+    let mut d = drive(&wire);
+    for ms in 0..100 {
+        if ms % 2 == 0 && ms != 60 {
+            wire.state(ms, 0.1, 0);
+        }
+        d.read(at(ms));
+    }
+    // Before the second state has come nobody knows the cycle; of the one that was lost, two ticks are late.
+    assert_eq!(d.health().late_states, 1 + 2);
+}
+
 #[test]
 fn late_states_are_counted_and_stale_ones_are_a_fault() {
     let wire = Wire::default();
     let mut d = drive(&wire);
+    wire.state(99, 0.1, 0);
     wire.state(100, 0.1, 0);
     for ms in 100..=120 {
         d.read(at(ms));
