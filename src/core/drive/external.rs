@@ -15,7 +15,7 @@ use crate::time::TICK;
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::SVector;
 
-/// The slowest cycle of a drive, 125 Hz: what comes more seldom is late.
+/// The slowest cycle of a drive, 125 Hz (a CB3 of Universal Robots), so that one whose first states are far apart is not taken for slower.
 const SLOWEST: SpanNs = SpanNs(8_000_000);
 /// A state older than this and a cycle of the drive, less a tick, is late even if it is new: of a drive at 1 kHz, sampled in the tick before the last one.
 const LATE: SpanNs = SpanNs(2 * TICK.0);

@@ -176,6 +176,17 @@ mod tests {
         }
     }
 
+    /// Slower than what the range of the positions allows, and faster than its means may go.
+    #[test]
+    fn a_slow_drift_under_little_noise_is_a_motion() {
+        for (speed, at_rest) in [(0.008, true), (0.016, false)] {
+            let mut random = Random::new(5);
+            let drift =
+                (0..4 * WINDOW).map(|k| state(speed * 1e-3 * k as f64 + 2e-5 * random.gaussian(), 0.0));
+            assert_eq!(rests(drift), at_rest, "{speed}");
+        }
+    }
+
     #[test]
     fn an_arm_that_swings_or_reports_a_velocity_is_not_at_rest() {
         assert!(!rests((0..2100).map(|k| state(0.01 * (30.0 * f64::from(k) * 1e-3).sin(), 0.0))));
