@@ -65,9 +65,7 @@ pub(super) fn reported_fault(trace: &TraceMsg) -> Option<Fault> {
 impl<const N: usize> Drive<N> for RecordedArm<N> {
     fn read(&mut self, _now: MonoNs) -> DriveState<N> {
         let mut then = self.then();
-        if std::mem::take(&mut then.late) {
-            then.health.late_states += 1;
-        }
+        then.health.is_old = std::mem::take(&mut then.late);
         then.state
     }
 

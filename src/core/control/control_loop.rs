@@ -82,10 +82,9 @@ impl<const N: usize> ControlLoop<N> {
 
     /// First half of a tick: reads the drive at the tick's time.
     pub fn sense(&mut self, tick: u64, now: MonoNs) -> JointState {
-        let late = self.drive.health().late_states;
         self.sensed = self.drive.read(now);
         self.controller.hear_torque(self.drive.measured_torque());
-        if self.drive.health().late_states > late {
+        if self.drive.health().is_old {
             self.controller.follow_anew();
             self.inputs |= trace_flag::LATE_STATE;
         }

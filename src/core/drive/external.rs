@@ -17,7 +17,7 @@ use nalgebra::SVector;
 
 /// The slowest cycle of a drive, 125 Hz (a CB3 of Universal Robots), so that one whose first states are far apart is not taken for slower.
 const SLOWEST: SpanNs = SpanNs(8_000_000);
-/// A state older than this and a cycle of the drive, less a tick, is late even if it is new: of a drive at 1 kHz, sampled in the tick before the last one.
+/// A state older than this is old even if it is new: sampled in the tick before the last one. A slower drive is late by its cycle, less a tick, after that.
 const LATE: SpanNs = SpanNs(2 * TICK.0);
 
 /// Carries messages to and from a drive; never waits.
@@ -120,9 +120,10 @@ impl<const N: usize> ExternalDrive<N> {
         if fresh {
             self.fresh_at = now;
         }
-        if (!fresh && is_due) || now - self.stamp > SpanNs(LATE.0 + cycle.0 - TICK.0) {
-            self.health.late_states += 1;
-        }
+        let age = now - self.stamp;
+        self.health.is_old = !fresh || age > LATE;
+        let is_late = (!fresh && is_due) || age > SpanNs(LATE.0 + cycle.0 - TICK.0);
+        self.health.late_states += u64::from(is_late);
     }
 
     fn take(&mut self, m: &DriveStateMsg) {

@@ -115,8 +115,10 @@ pub struct RobotReport {
 /// How a drive fares.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct DriveHealth {
-    /// Ticks that found no new state in time.
+    /// Ticks that found no new state although one was due.
     pub late_states: u64,
+    /// Whether the state of this tick is an old one: one from before, as drives slower than control have between theirs, or one that came late.
+    pub is_old: bool,
     /// Why its states cannot be used any more.
     pub fault: Option<DriveFault>,
     /// What the newest state tells of the robot.

@@ -43,6 +43,8 @@ pub struct RecordedDrive<const N: usize> {
     robot: RobotReport,
     ahead: Option<(JointState, RobotReport)>,
     late_states: u64,
+    /// Whether nothing came at the last tick.
+    is_old: bool,
     is_over: bool,
 }
 
@@ -58,6 +60,7 @@ impl<const N: usize> RecordedDrive<N> {
             robot: RobotReport::default(),
             ahead: None,
             late_states: 0,
+            is_old: false,
             is_over: false,
         }
     }
@@ -74,6 +77,7 @@ impl<const N: usize> RecordedDrive<N> {
 
 impl<const N: usize> Drive<N> for RecordedDrive<N> {
     fn read(&mut self, now: MonoNs) -> DriveState<N> {
+        self.is_old = false;
         let reached = (now + NEAREST) - *self.begin.get_or_insert(now);
         loop {
             if self.ahead.is_none() {
@@ -81,6 +85,7 @@ impl<const N: usize> Drive<N> for RecordedDrive<N> {
                     NextState::State(state, robot) => self.ahead = Some((state, robot)),
                     NextState::Late => {
                         self.late_states += 1;
+                        self.is_old = true;
                         break;
                     }
                     NextState::Over => {
@@ -108,7 +113,8 @@ impl<const N: usize> Drive<N> for RecordedDrive<N> {
     }
 
     fn health(&self) -> DriveHealth {
-        DriveHealth { late_states: self.late_states, robot: self.robot, ..DriveHealth::default() }
+        let (late_states, is_old, robot) = (self.late_states, self.is_old, self.robot);
+        DriveHealth { late_states, is_old, robot, fault: None }
     }
 
     fn is_over(&self) -> bool {

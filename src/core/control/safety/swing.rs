@@ -3,6 +3,8 @@
 //! The velocity by which a joint differs from its reference is the mean over [`SPAN`] ticks of measured positions, so that quantized and noisy encoders do not look
 //! like a swing. A half swing is a change of its sign with [`AMPLITUDE`] on both sides; [`HALVES`] of them within [`WITHIN`] are a fault. Faster swings than 50 Hz are
 //! averaged out; drives and gears damp them.
+//!
+//! Of a drive that is slower than control the ticks between two states have errors between theirs: a position that stays the same for some ticks and then leaps is no swing.
 
 use nalgebra::SVector;
 
@@ -24,6 +26,9 @@ pub(super) struct SwingWatch<const N: usize> {
     /// Positions less those of the reference, the oldest at `next`, rad or m.
     error: [SVector<f64, N>; SPAN],
     next: usize,
+    /// The error of the last new state, and the ticks since then.
+    last: SVector<f64, N>,
+    without: u32,
     /// Ticks since the last restart.
     ticks: u64,
     joints: [HalfSwings; N],
@@ -46,6 +51,8 @@ impl<const N: usize> Default for SwingWatch<N> {
             gone: SVector::zeros(),
             error: [SVector::zeros(); SPAN],
             next: 0,
+            last: SVector::zeros(),
+            without: 0,
             ticks: 0,
             joints: [joint; N],
         }
@@ -53,10 +60,22 @@ impl<const N: usize> Default for SwingWatch<N> {
 }
 
 impl<const N: usize> SwingWatch<N> {
-    /// Takes in the joint positions of this tick and the displacement of their reference in it, rad or m; whether a joint swings.
-    pub(super) fn note(&mut self, q: &SVector<f64, N>, way: &SVector<f64, N>) -> bool {
+    /// Takes in the joint positions of this tick, which may be those of the tick before (`is_old`), and the displacement of their reference in it, rad or m; whether a joint swings.
+    pub(super) fn note(&mut self, q: &SVector<f64, N>, way: &SVector<f64, N>, is_old: bool) -> bool {
         let error = q - self.gone;
         self.gone += way;
+        if is_old {
+            self.without += 1;
+            return false;
+        }
+        let ticks = std::mem::take(&mut self.without) + 1;
+        let last = std::mem::replace(&mut self.last, error);
+        let from = if self.ticks == 0 { error } else { last };
+        let at = |k: u32| from + (error - from) * (f64::from(k) / f64::from(ticks));
+        (1..=ticks).fold(false, |swings, k| self.note_error(at(k)) || swings)
+    }
+
+    fn note_error(&mut self, error: SVector<f64, N>) -> bool {
         let Some(place) = self.error.get_mut(self.next) else { return false };
         let oldest = std::mem::replace(place, error);
         self.next = (self.next + 1) % SPAN;
@@ -93,7 +112,8 @@ mod tests {
     /// The tick at which the error of `joint(k)` is told as a swing.
     fn told(ticks: u32, mut joint: impl FnMut(f64) -> f64) -> Option<u32> {
         let mut watch = SwingWatch::<2>::default();
-        (0..ticks).find(|k| watch.note(&Vector2::new(0.0, joint(f64::from(*k) * 1e-3)), &Vector2::zeros()))
+        (0..ticks)
+            .find(|k| watch.note(&Vector2::new(0.0, joint(f64::from(*k) * 1e-3)), &Vector2::zeros(), false))
     }
 
     #[test]

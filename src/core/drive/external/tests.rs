@@ -50,7 +50,7 @@ fn the_newest_state_counts_with_its_truth() {
     assert_eq!(s.truth, Some((Vector2::new(0.7, 0.7), Vector2::zeros())));
     wire.state(0, 0.9, 0);
     assert_eq!(d.read(at(2)).q, s.q, "an older state does not replace a newer one");
-    assert_eq!(d.health(), DriveHealth { late_states: 1, ..Default::default() });
+    assert_eq!(d.health(), DriveHealth { late_states: 1, is_old: true, ..Default::default() });
 }
 
 /// A drive of 500 Hz has a state for every second tick: late is what it does not have then.
@@ -63,6 +63,7 @@ fn a_slower_drive_is_late_by_its_own_cycle() {
             wire.state(ms, 0.1, 0);
         }
         d.read(at(ms));
+        assert_eq!(d.health().is_old, ms % 2 == 1 || ms == 60, "{ms}");
     }
     // Before the second state has come nobody knows the cycle; of the one that was lost, two ticks are late.
     assert_eq!(d.health().late_states, 1 + 2);
@@ -76,7 +77,8 @@ fn late_states_are_counted_and_stale_ones_are_a_fault() {
     wire.state(100, 0.1, 0);
     for ms in 100..=120 {
         d.read(at(ms));
-        assert_eq!(d.health(), DriveHealth { late_states: (ms - 100) as u64, ..Default::default() }, "{ms}");
+        let (late_states, is_old) = ((ms - 100) as u64, ms > 100);
+        assert_eq!(d.health(), DriveHealth { late_states, is_old, ..Default::default() }, "{ms}");
     }
     wire.state(118, 0.2, 0);
     d.read(at(121));
