@@ -29,7 +29,7 @@ const SPEED_WINDOW: usize = 20;
 const LATE: SpanNs = SpanNs(2 * TICK.0);
 /// Ticks in a row with an old state over which joints are still supervised: those between two states of a drive at 125 Hz, and one that is late. Positions that are so old are off by 25 mrad at
 /// 3 rad/s, a share of what any of the supervision here allows in its time; chosen by hand.
-const LONGEST_HELD: u32 = 8;
+pub(super) const LONGEST_HELD: u32 = 8;
 /// Factor of the velocity limit above which a joint is too fast: an arm that lags a little behind catches up.
 const FASTEST: f64 = 1.5;
 /// Factor of the velocity limit above which a single reading is implausible.

@@ -4,6 +4,7 @@
 //! its own loop seldom tells its torques: there a joint that [falls behind](DriveLagObserver) its commands by more than that drive does by itself is in contact, and where its states carry torques, they are observed beside that. Before every drive a joint that
 //! [is stopped](super::stopped_joint) in its motion is.
 
+use super::arm::LONGEST_HELD;
 use super::stopped_joint::StoppedJointWatch;
 use crate::drive::{CommandMode, DriveCommand, DriveState};
 use crate::linalg::Ldlt;
@@ -82,6 +83,7 @@ pub struct ContactWatch<const N: usize> {
     /// When the last state was taken in; `None` where it was late.
     at: Option<MonoNs>,
     is_late: bool,
+    late_in_row: u32,
 }
 
 #[derive(Debug, Clone)]
@@ -106,6 +108,17 @@ impl<const N: usize> Observer<N> {
             Self::Lag { torque, .. } => Some(torque),
         }
     }
+
+    fn forget_state(&mut self) {
+        match self {
+            Self::Torque(observer) => observer.skip(),
+            Self::Lag { observer, last, torque, .. } => {
+                observer.restart();
+                *last = None;
+                torque.skip();
+            }
+        }
+    }
 }
 
 impl<const N: usize> ContactWatch<N> {
@@ -127,7 +140,14 @@ impl<const N: usize> ContactWatch<N> {
                 has_torques: false,
             }
         };
-        Self { observer, stopped: StoppedJointWatch::default(), in_a_row: 0, at: None, is_late: false }
+        Self {
+            observer,
+            stopped: StoppedJointWatch::default(),
+            in_a_row: 0,
+            at: None,
+            is_late: false,
+            late_in_row: 0,
+        }
     }
 
     /// Takes in what the last `command` did to the arm, which is in `state` at `now`; `None` where one of them is not known. A motion over more than a tick (a
@@ -147,6 +167,8 @@ impl<const N: usize> ContactWatch<N> {
             rotors.iter().for_each(|change| observer.add_rotors(change));
         }
         let was_late = std::mem::take(&mut self.is_late);
+        self.late_in_row = if was_late { self.late_in_row.saturating_add(1) } else { 0 };
+        let known = did.filter(|_| self.late_in_row <= LONGEST_HELD);
         let did = did.filter(|_| !was_late);
         let before = std::mem::replace(&mut self.at, did.map(|_| now));
         let has_gap = before.is_some_and(|before| now - before > TICK);
@@ -156,7 +178,8 @@ impl<const N: usize> ContactWatch<N> {
         if has_gap || was_late {
             joint_control.skip_window();
         }
-        if let Some((state, command)) = did {
+        // That a joint stands is seen between two states of a slower drive, too.
+        if let Some((state, command)) = known {
             let obeys_velocities = matches!(self.observer, Observer::Lag { by_position: false, .. });
             let q_r = (!obeys_velocities).then_some(&command.q_r);
             self.stopped.note(&state.q, joint_control.encoder_step(), (q_r, &command.qd_r));
@@ -179,7 +202,10 @@ impl<const N: usize> ContactWatch<N> {
                     observer.note(&command.qd_r, &(state.q - before), by_position.then_some(&lag));
                 }
             }
-            (_, None) => self.forget_state(),
+            (observer, None) => observer.forget_state(),
+        }
+        if known.is_none() {
+            self.stopped.restart();
         }
         let touched = self.excess().max() > CERTAIN;
         self.in_a_row = if touched { self.in_a_row.saturating_add(1) } else { 0 };
@@ -202,14 +228,7 @@ impl<const N: usize> ContactWatch<N> {
     /// The next state has none before it.
     fn forget_state(&mut self) {
         self.stopped.restart();
-        match &mut self.observer {
-            Observer::Torque(observer) => observer.skip(),
-            Observer::Lag { observer, last, torque, .. } => {
-                observer.restart();
-                *last = None;
-                torque.skip();
-            }
-        }
+        self.observer.forget_state();
     }
 
     /// Standard deviations by which each joint feels something from outside.
@@ -313,6 +332,47 @@ mod tests {
             [(false, true), (true, true), (true, false)].map(|(gap, told)| felt_with_a_gap(gap, told));
         assert!(none < 1.0 && told < 1.0, "an arm that is its model: {none} {told}");
         assert!(untold > 3.0, "it would be felt otherwise: {untold}");
+    }
+
+    /// A joint behind a drive with a state every `period` ms, which follows its reference `lag` ms late until `stop` and then stands: when something holds it.
+    fn held_behind(mode: CommandMode, period: i64, lag: i64, stop: i64) -> Option<i64> {
+        let robot: Robot<6> = crate::robot::load("ur5").unwrap().build().unwrap();
+        let law = JointLaw::InverseDynamics(InverseDynamicsControl::new(40.0, 1.0));
+        let mut control = JointController::new(law, ObserverSettings::none());
+        let mut watch = ContactWatch::new(&robot, &control, mode);
+        let reference = |ms: i64| Vector6::repeat(-0.4 * (1.0 - (1e-3 * ms as f64 * 2.0).cos()));
+        let speed = |ms: i64| (reference(ms + 1) - reference(ms)) * 1e3;
+        (0..3000).find(|&ms| {
+            let seen = ms - ms % period;
+            let at = (seen - lag).clamp(0, stop);
+            let state = DriveState {
+                q: reference(at),
+                qd: if at < stop { speed(at) } else { SVector::zeros() },
+                truth: None,
+            };
+            if seen != ms {
+                watch.late();
+            }
+            let command = DriveCommand {
+                tau: SVector::zeros(),
+                q_r: reference(ms + 1),
+                qd_r: speed(ms),
+                qdd_r: SVector::zeros(),
+            };
+            watch.note(MonoNs(ms * 1_000_000), &robot, &mut control, Some((&state, &command)), None);
+            watch.is_touched()
+        })
+    }
+
+    #[test]
+    fn a_joint_that_is_held_behind_a_slower_drive_is_told() {
+        for (mode, lag) in [(CommandMode::Position, 34), (CommandMode::Velocity, 4)] {
+            for period in [1, 2, 4, 8] {
+                assert_eq!(held_behind(mode, period, lag, i64::MAX), None, "{mode:?} {period} ms: free");
+                let held = held_behind(mode, period, lag, 400).unwrap_or(i64::MAX);
+                assert!(held < 400 + lag + 80, "{mode:?} {period} ms: {held}");
+            }
+        }
     }
 
     #[test]
