@@ -72,7 +72,11 @@ impl<const N: usize> SwingWatch<N> {
         let last = std::mem::replace(&mut self.last, error);
         let from = if self.ticks == 0 { error } else { last };
         let at = |k: u32| from + (error - from) * (f64::from(k) / f64::from(ticks));
-        (1..=ticks).fold(false, |swings, k| self.note_error(at(k)) || swings)
+        let mut swings = false;
+        for k in 1..=ticks {
+            swings |= self.note_error(at(k));
+        }
+        swings
     }
 
     fn note_error(&mut self, error: SVector<f64, N>) -> bool {
