@@ -226,7 +226,7 @@ mod tests {
 
     /// A UR5 that folds: it is a fault from where the surfaces of two of its parts meet, found from many points of their axes.
     #[test]
-    fn parts_that_meet_are_a_fault_and_parts_beside_each_other_are_none() {
+    fn parts_that_meet_are_a_fault_and_parts_apart_are_none() {
         let robot = load("ur5").unwrap().build::<6>().unwrap();
         let settings = WorkspaceSettings {
             margin_m: 0.01,
