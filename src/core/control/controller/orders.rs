@@ -72,7 +72,7 @@ impl<const N: usize> Controller<N> {
         self.failure.get_or_insert(fault);
     }
 
-    /// Restarts the supervision of following, because the state of the drive is an old one.
+    /// The next state of the drive is an old one: supervision does not take it for a joint that stands, and begins anew where too many come in a row.
     pub fn follow_anew(&mut self) {
         self.watch.late();
         self.encoder_watch.late();
