@@ -1,19 +1,19 @@
 //! `vservo emulate`: a robot that there is not, for whoever wants to see the whole way without one.
 
 use super::emulate_franka::{EmulateFrankaArguments, emulate_franka, timed_fault};
+use super::emulated_plant::EmulatedPlant;
 use crate::config::Config;
-use crate::config::assemble::{AssembleError, q_start, simulated_settings};
-use crate::drive::{CommandMode, Drive, DriveCommand, SimulatedDrive};
+use crate::config::assemble::q_start;
 use crate::process::{ProcessError, StopFlag};
 use crate::rt::{now, tell};
-use crate::time::{MonoNs, SpanNs, TICK};
+use crate::time::{SpanNs, TICK};
 use clap::{Args, Subcommand, ValueEnum};
 use nalgebra::SVector;
 use std::net::IpAddr;
 use std::path::PathBuf;
 use std::time::Duration;
-use vservo_ur::emulator::{Emulator, EmulatorSettings, Fault, JointModel};
-use vservo_ur::{JOINTS, Joints, Series};
+use vservo_ur::emulator::{Emulator, EmulatorSettings, Fault, JointModel, Torque};
+use vservo_ur::{JOINTS, Joints, Payload, Series};
 
 /// Farthest from its zero that a joint may start, rad. Chosen by hand: twice the 360 degrees that these arms turn either way by the maker's data sheets.
 const MOST_RAD: f64 = 4.0 * std::f64::consts::PI;
@@ -73,9 +73,6 @@ pub(super) fn emulate(what: &EmulateCommand) -> Result<u8, ProcessError> {
 fn emulate_ur(arguments: &EmulateUrArguments) -> Result<u8, ProcessError> {
     let stop = StopFlag::on_signals()?;
     let config = Config::load(Some(&arguments.config), &arguments.set)?;
-    let mut settings = simulated_settings::<JOINTS>(&config)?;
-    settings.mode = CommandMode::Position;
-    let robot = config.robot.build::<JOINTS>()?;
     let q: SVector<f64, JOINTS> = match arguments.start.as_slice() {
         [] => q_start(&config)?,
         q if q.len() == JOINTS && q.iter().all(|q| q.abs() <= MOST_RAD) => SVector::from_column_slice(q),
@@ -84,8 +81,7 @@ fn emulate_ur(arguments: &EmulateUrArguments) -> Result<u8, ProcessError> {
             return Ok(2);
         }
     };
-    let drive = SimulatedDrive::new(robot, q, settings).map_err(AssembleError::from)?;
-    let joints = SimulatedJoints { drive, time: MonoNs::ZERO, q };
+    let joints = UrPlant { arm: EmulatedPlant::new(&config, q)?, reference: q };
     let series = match arguments.series {
         UrSeries::ESeries => Series::ESeries,
         UrSeries::Cb3 => Series::Cb3,
@@ -119,32 +115,38 @@ fn emulate_ur(arguments: &EmulateUrArguments) -> Result<u8, ProcessError> {
     Ok(0)
 }
 
-/// The crate's own simulated arm, its motors in a position loop, behind an emulated controller. Between the controller's cycles the loop gets interpolated references, as motors do.
-struct SimulatedJoints {
-    drive: SimulatedDrive<JOINTS>,
-    time: MonoNs,
+/// The simulated arm. Between the controller's cycles its position loop gets interpolated references, as motors do.
+struct UrPlant {
+    arm: EmulatedPlant<JOINTS>,
     /// The last reference, rad.
-    q: SVector<f64, JOINTS>,
+    reference: SVector<f64, JOINTS>,
 }
 
-impl JointModel for SimulatedJoints {
+/// Ticks of the simulated arm in a cycle of the controller.
+fn ticks(dt_s: f64) -> i64 {
+    (SpanNs::from_s(dt_s).0 / TICK.0).max(1)
+}
+
+impl JointModel for UrPlant {
     fn step(&mut self, q: &Joints, qd: &Joints, dt_s: f64) -> (Joints, Joints) {
-        let (end, begin) = (self.time + SpanNs::from_s(dt_s), self.q);
-        let ticks = (SpanNs::from_s(dt_s).0 / TICK.0).max(1);
-        self.q = (*q).into();
-        for tick in 1..=ticks {
-            let q_r = begin + (self.q - begin) * (tick as f64 / ticks as f64);
-            self.drive.write(&DriveCommand {
-                q_r,
-                qd_r: (*qd).into(),
-                tau: SVector::zeros(),
-                qdd_r: SVector::zeros(),
-            });
-            self.time = self.time + TICK;
-            self.drive.read(self.time);
+        let (begin, end) = (self.reference, SVector::from(*q));
+        for tick in 1..=ticks(dt_s) {
+            let q_r = begin + (end - begin) * (tick as f64 / ticks(dt_s) as f64);
+            self.arm.follow(&q_r, &(*qd).into());
         }
-        self.time = end;
-        let state = self.drive.read(end);
-        (state.q.into(), state.qd.into())
+        self.reference = end;
+        (self.arm.q.into(), self.arm.qd.into())
+    }
+
+    fn push(&mut self, torque: &Torque, dt_s: f64) -> (Joints, Joints) {
+        for _ in 0..ticks(dt_s) {
+            self.arm.push(&torque.tau, &torque.viscous_share, &torque.coulomb_share);
+        }
+        self.reference = self.arm.q;
+        (self.arm.q.into(), self.arm.qd.into())
+    }
+
+    fn carry(&mut self, payload: &Payload) {
+        self.arm.carry(payload.mass_kg, payload.com_m);
     }
 }

@@ -1,12 +1,10 @@
 //! `vservo emulate franka`: the arm of a run file behind a controller that speaks FCI.
 
+use super::emulated_plant::EmulatedPlant;
 use crate::config::Config;
-use crate::config::assemble::{AssembleError, q_start, simulated_settings};
-use crate::drive::{CommandMode, Drive, DriveCommand, SimulatedDrive, SimulatedDriveSettings};
+use crate::config::assemble::q_start;
 use crate::process::{ProcessError, StopFlag};
-use crate::robot::{Inertia, Robot};
 use crate::rt::{now, tell};
-use crate::time::{MonoNs, TICK};
 use clap::Args;
 use nalgebra::SVector;
 use std::net::IpAddr;
@@ -51,8 +49,6 @@ pub(super) fn timed_fault<F: FromStr<Err = String>>(text: &str) -> Result<(F, f6
 pub(super) fn emulate_franka(arguments: &EmulateFrankaArguments) -> Result<u8, ProcessError> {
     let stop = StopFlag::on_signals()?;
     let config = Config::load(Some(&arguments.config), &arguments.set)?;
-    let settings = simulated_settings::<JOINTS>(&config)?;
-    let robot = config.robot.build::<JOINTS>()?;
     let limits = JointLimits::fr3();
     let q: SVector<f64, JOINTS> = match arguments.start.as_slice() {
         [] => q_start(&config)?,
@@ -73,7 +69,7 @@ pub(super) fn emulate_franka(arguments: &EmulateFrankaArguments) -> Result<u8, P
         ));
         return Ok(2);
     }
-    let plant = Box::new(SimulatedPlant::new(robot, &config.tool, q, settings)?);
+    let plant = Box::new(EmulatedPlant::new(&config, q)?);
     let emulator = Emulator::start(EmulatorSettings {
         address: arguments.address,
         q: q.into(),
@@ -103,110 +99,17 @@ pub(super) fn emulate_franka(arguments: &EmulateFrankaArguments) -> Result<u8, P
     Ok(0)
 }
 
-/// The crate's own simulated arm behind an emulated controller: in a position loop, or under torques, to which the weights are added that the robot knows: its own, and
-/// that of the load that it was told.
-struct SimulatedPlant {
-    robot: Robot<JOINTS>,
-    /// Without anything on its flange, and with what it was told.
-    bare: Robot<JOINTS>,
-    known: Robot<JOINTS>,
-    settings: SimulatedDriveSettings<JOINTS>,
-    drive: SimulatedDrive<JOINTS>,
-    mode: CommandMode,
-    time: MonoNs,
-    q: SVector<f64, JOINTS>,
-    qd: SVector<f64, JOINTS>,
-}
-
-impl SimulatedPlant {
-    fn new(
-        robot: Robot<JOINTS>,
-        tool: &Inertia,
-        q: SVector<f64, JOINTS>,
-        mut settings: SimulatedDriveSettings<JOINTS>,
-    ) -> Result<Self, AssembleError> {
-        let mode = CommandMode::Position;
-        settings.mode = mode;
-        let drive = SimulatedDrive::new(robot.clone(), q, settings.clone())?;
-        let nothing = Inertia { mass: -tool.mass, com: tool.com, about_com: -tool.about_com };
-        let bare = robot.clone().with_load(&nothing);
-        let known = bare.clone();
-        Ok(Self { robot, bare, known, settings, drive, mode, time: MonoNs::ZERO, q, qd: SVector::zeros() })
-    }
-
-    fn step(&mut self, mode: CommandMode, command: &DriveCommand<JOINTS>) -> (Joints, Joints) {
-        if mode != self.mode {
-            self.settings.mode = mode;
-            // The same settings as before, which were right.
-            if let Ok(drive) = SimulatedDrive::new(self.robot.clone(), self.q, self.settings.clone()) {
-                (self.drive, self.mode) = (drive.with_velocity(self.qd), mode);
-                self.drive.read(self.time);
-            }
-        }
-        self.drive.write(command);
-        self.time = self.time + TICK;
-        let state = self.drive.read(self.time);
-        (self.q, self.qd) = (state.q, state.qd);
-        (state.q.into(), state.qd.into())
-    }
-}
-
-impl JointPlant for SimulatedPlant {
+impl JointPlant for EmulatedPlant<JOINTS> {
     fn follow(&mut self, q_d: &Joints, qd_d: &Joints) -> (Joints, Joints) {
-        let command = DriveCommand {
-            tau: SVector::zeros(),
-            q_r: (*q_d).into(),
-            qd_r: (*qd_d).into(),
-            qdd_r: SVector::zeros(),
-        };
-        self.step(CommandMode::Position, &command)
+        EmulatedPlant::follow(self, &(*q_d).into(), &(*qd_d).into())
     }
 
     fn push(&mut self, tau: &Joints) -> (Joints, Joints) {
-        let tau = SVector::from(*tau) + self.known.gravity(&self.q);
-        self.step(
-            CommandMode::Torque,
-            &DriveCommand { tau, q_r: self.q, qd_r: self.qd, qdd_r: SVector::zeros() },
-        )
+        // The run file's arm has no friction that such a robot would leave.
+        EmulatedPlant::push(self, tau, &[0.0; JOINTS], &[0.0; JOINTS])
     }
 
     fn carry(&mut self, load: &Load) {
-        // For weights the moments of inertia do not matter.
-        let load = Inertia::point(load.mass_kg, load.com_F.into());
-        self.known = self.bare.clone().with_load(&load);
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use std::path::Path;
-
-    /// Under torques without gravity the arm stays, and from one way of commanding to the other it does not leap.
-    #[test]
-    fn weights_are_carried_and_a_change_of_mode_is_smooth() {
-        let config = Config::load(Some(Path::new("fr3-emulated")), &[]).unwrap();
-        let (robot, q) = (config.robot.build::<JOINTS>().unwrap(), q_start::<JOINTS>(&config).unwrap());
-        let mut plant =
-            SimulatedPlant::new(robot, &config.tool, q, simulated_settings(&config).unwrap()).unwrap();
-        let mut at = q;
-        for _ in 0..500 {
-            at[1] += 1e-4;
-            plant.follow(&at.into(), &[0.0, 0.1, 0.0, 0.0, 0.0, 0.0, 0.0]);
-        }
-        assert!((plant.q - at).amax() < 2e-3, "{}", plant.q - at);
-        let (before, speed) = (plant.q, plant.qd[1]);
-        assert!((speed - 0.1).abs() < 0.01, "{speed}");
-        let (after, _) = plant.push(&[0.0; JOINTS]);
-        assert!((SVector::from(after) - before).amax() < 2e-4, "no leap");
-        for _ in 0..200 {
-            plant.push(&std::array::from_fn(|i| -5.0 * plant.qd[i]));
-        }
-        assert!(
-            (plant.q - before).amax() < 0.05 && plant.qd.amax() < 0.2,
-            "{} {}",
-            plant.q - before,
-            plant.qd
-        );
+        EmulatedPlant::carry(self, load.mass_kg, load.com_F);
     }
 }

@@ -19,6 +19,7 @@ mod drive_franka;
 mod drive_ur;
 mod emulate;
 mod emulate_franka;
+mod emulated_plant;
 mod explain;
 mod export;
 mod faults;

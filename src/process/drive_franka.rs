@@ -7,14 +7,12 @@
 //! file are taken away here, with its `[tool]`; friction is control's to leave out.
 
 use super::drive_robot::{self, DriveJoining, RobotArm, joints};
+use super::drive_weights::Weights;
 use super::{ProcessError, StopFlag};
-use crate::config::Config;
 use crate::drive::CommandMode;
-use crate::messages::{DriveCommandMsg, DriveStateMsg, RobotState, drive_flag};
-use crate::robot::Robot;
+use crate::messages::{DriveCommandMsg, DriveStateMsg, RobotState};
 use crate::rt::{ClockEstimate, tell};
 use crate::time::MonoNs;
-use nalgebra::SVector;
 use std::time::Duration;
 use vservo_franka::arm::{ArmState, Recovered};
 use vservo_franka::wire::Load;
@@ -24,11 +22,11 @@ use vservo_franka::{Arm, ArmSettings, Command, CommandKind, JOINTS, RobotMode, f
 pub const JOINT_NAMES: [&str; JOINTS] =
     ["joint1", "joint2", "joint3", "joint4", "joint5", "joint6", "joint7"];
 
-/// An arm, and the model of the run that knows its weights.
+/// An arm, and what torques hold of its weight.
 struct FrankaArm<'a> {
     arm: Arm,
     joining: &'a DriveJoining,
-    model: Option<Box<Robot<JOINTS>>>,
+    weights: Weights<JOINTS>,
 }
 
 impl RobotArm for FrankaArm<'_> {
@@ -70,9 +68,7 @@ impl RobotArm for FrankaArm<'_> {
             _ => CommandKind::Position,
         };
         if kind == CommandKind::Torque {
-            // Written by the supervisor, and the file that control itself has.
-            let config = Config::load(Some(&self.joining.instance.config_path()), &[])?;
-            self.model = Some(Box::new(config.robot.build::<JOINTS>()?));
+            self.weights = Weights::of_run(&self.joining.instance)?;
         }
         let body = self.joining.payload.of_run(Self::PROGRAM, &self.joining.instance)?;
         // The matrix is symmetric: row by row is column by column.
@@ -118,14 +114,9 @@ impl RobotArm for FrankaArm<'_> {
     }
 
     fn of_message(&self, message: &DriveCommandMsg) -> Command {
-        match (message.mode, &self.model, self.arm.last()) {
-            (mode, Some(model), Some(state)) if mode == CommandMode::Torque as u32 => {
-                let tau: [f64; JOINTS] = joints(&message.tau);
-                if message.flags & drive_flag::GRAVITY == 0 {
-                    return Command::Torque(tau);
-                }
-                let weights = model.gravity(&SVector::from(state.q));
-                Command::Torque(std::array::from_fn(|i| tau[i] - weights[i]))
+        match (message.mode, self.arm.last()) {
+            (mode, Some(state)) if mode == CommandMode::Torque as u32 => {
+                Command::Torque(self.weights.without(message, &state.q))
             }
             (mode, ..) if mode == CommandMode::Velocity as u32 => Command::Velocity(joints(&message.qd_r)),
             (mode, ..) if mode == CommandMode::Position as u32 => {
@@ -157,7 +148,7 @@ pub fn run(settings: ArmSettings, joining: &DriveJoining, stop: &StopFlag) -> Re
     let connect = || {
         let arm = Arm::connect(settings)?;
         let about = format!("robot at {}, FCI version {}", settings.host, vservo_franka::wire::VERSION);
-        Ok((FrankaArm { arm, joining, model: None }, about))
+        Ok((FrankaArm { arm, joining, weights: Weights::default() }, about))
     };
     drive_robot::run(connect, joining, stop)
 }

@@ -20,6 +20,8 @@ use std::time::Duration;
 
 /// Longest time without a command while a run goes on. Chosen by hand: a hundred ticks; control that is late by more has ended.
 const SILENCE: SpanNs = SpanNs(100_000_000);
+/// How long before a stop its controller may have said why. Chosen by hand: messages and states come over two connections.
+const SAID_BEFORE: SpanNs = SpanNs(500_000_000);
 /// Longest wait for a state, after which requests to stop are looked at. Chosen by hand: some cycles of every robot.
 const WAIT: Duration = Duration::from_millis(20);
 
@@ -54,6 +56,10 @@ pub(super) trait RobotArm {
     fn begin(&mut self, mode: u32, stop: &dyn Fn() -> bool) -> Result<bool, Self::Error>;
     /// Answers the newest state.
     fn command(&mut self, what: Self::Command) -> Result<(), Self::Error>;
+    /// The next words of the robot's controller about a stop, where it says some.
+    fn heard(&mut self) -> Option<String> {
+        None
+    }
     /// Whether the robot itself has stopped, and may come back.
     fn is_of_the_robot(error: &Self::Error) -> bool;
     /// Whether there is no robot any more to come back.
@@ -141,6 +147,8 @@ fn drive<A: RobotArm>(
         word,
         is_guarded: false,
         clear: ClearWish::None,
+        heard: None,
+        stop_words: String::new(),
     };
     let result = link.serve(stop);
     if result.is_err() {
@@ -203,11 +211,16 @@ struct Link<'a, A: RobotArm> {
     /// Whether that stop stood at the last look.
     is_guarded: bool,
     clear: ClearWish,
+    /// The controller's newest words, and when they came.
+    heard: Option<(MonoNs, String)>,
+    /// Why the robot has stopped, by its states.
+    stop_words: String,
 }
 
 impl<A: RobotArm> Link<'_, A> {
     fn serve(&mut self, stop: &StopFlag) -> Result<u8, ProcessError> {
         loop {
+            self.hear();
             let state = self.next()?;
             if let (Some(state), DriveStage::Held | DriveStage::Obeys(..)) = (&state, self.run) {
                 self.count += 1;
@@ -265,10 +278,31 @@ impl<A: RobotArm> Link<'_, A> {
 
     /// Why the robot does not move: for the log, for who asks how things stand, and for the summary where the run ends by it.
     fn tell_stop(&mut self, error: &A::Error) {
-        tell(format_args!("{}: {error}", A::PROGRAM));
-        let words = error.to_string();
+        self.stop_words = error.to_string();
+        let said = self.heard.take().filter(|(when, _)| now() - *when < SAID_BEFORE);
+        self.tell_words(said.map(|(_, words)| words));
+    }
+
+    fn tell_words(&mut self, said: Option<String>) {
+        let words = match said {
+            Some(said) => format!("{}; its controller says: {said}", self.stop_words),
+            None => self.stop_words.clone(),
+        };
+        tell(format_args!("{}: {words}", A::PROGRAM));
         self.instance.leave_words_of_drive(&words);
         self.send_words(&words);
+    }
+
+    /// Takes in what the controller says, which may come before or after the state that shows the stop.
+    fn hear(&mut self) {
+        while let Some(words) = self.arm.heard() {
+            if self.arm.is_halted() {
+                self.tell_words(Some(words));
+            } else {
+                tell(format_args!("{}: the robot's controller says: {words}", A::PROGRAM));
+                self.heard = Some((now(), words));
+            }
+        }
     }
 
     /// What there is to say of the robot's newest state. What cannot be sent is in the log all the same.

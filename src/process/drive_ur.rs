@@ -1,14 +1,15 @@
 //! The drive of an arm of Universal Robots, over RTDE, the dashboard, and a program on the robot.
 //!
 //! ```text
-//! commands ─► registers ─► program on the robot: servoj, speedj          states ◄─ RTDE, 500 or 125 Hz
+//! commands ─► registers ─► program on the robot: servoj, speedj, direct_torque          states ◄─ RTDE, 500 or 125 Hz
 //! ```
 
 use super::drive_payload::moments;
 use super::drive_robot::{self, DriveJoining, RobotArm, joints};
+use super::drive_weights::Weights;
 use super::{ProcessError, StopFlag};
 use crate::drive::CommandMode;
-use crate::messages::{DriveCommandMsg, DriveStateMsg, RobotState};
+use crate::messages::{DriveCommandMsg, DriveStateMsg, RobotState, drive_flag};
 use crate::rt::{ClockEstimate, tell};
 use crate::time::MonoNs;
 use std::time::Duration;
@@ -26,11 +27,12 @@ pub const JOINT_NAMES: [&str; JOINTS] = [
     "wrist_3_joint",
 ];
 
-/// An arm, whether it may be powered and its brakes be opened, and what it carries.
+/// An arm, whether it may be powered and its brakes be opened, what it carries, and what torques hold of its weight.
 struct UrArm<'a> {
     arm: Arm,
     enable: bool,
     joining: &'a DriveJoining,
+    weights: Weights<JOINTS>,
 }
 
 impl RobotArm for UrArm<'_> {
@@ -40,7 +42,9 @@ impl RobotArm for UrArm<'_> {
     const PROGRAM: &'static str = "vservo-drive-ur";
     const BACK: &'static str = "the robot's program runs again";
     const JOINTS: usize = JOINTS;
-    const MODES: u32 = (1 << CommandMode::Velocity as u32) | (1 << CommandMode::Position as u32);
+    const MODES: u32 = (1 << CommandMode::Torque as u32)
+        | (1 << CommandMode::Velocity as u32)
+        | (1 << CommandMode::Position as u32);
     const HOLD: Command = Command::Hold;
 
     fn next(&mut self, wait: Duration) -> Result<Option<ArmState>, ProcessError> {
@@ -59,7 +63,11 @@ impl RobotArm for UrArm<'_> {
         self.arm.clock()
     }
 
-    fn begin(&mut self, _: u32, stop: &dyn Fn() -> bool) -> Result<bool, ProcessError> {
+    fn begin(&mut self, mode: u32, stop: &dyn Fn() -> bool) -> Result<bool, ProcessError> {
+        if mode == CommandMode::Torque as u32 {
+            self.arm.takes_torques()?;
+            self.weights = Weights::of_run(&self.joining.instance)?;
+        }
         let DriveJoining { instance, payload, .. } = self.joining;
         let body = payload.of_run(Self::PROGRAM, instance)?;
         self.arm.set_payload(body.map(|body| Payload {
@@ -72,6 +80,10 @@ impl RobotArm for UrArm<'_> {
 
     fn command(&mut self, what: Command) -> Result<(), ProcessError> {
         Ok(self.arm.command(what)?)
+    }
+
+    fn heard(&mut self) -> Option<String> {
+        self.arm.heard().map(|message| message.to_string())
     }
 
     fn is_of_the_robot(error: &ProcessError) -> bool {
@@ -103,9 +115,13 @@ impl RobotArm for UrArm<'_> {
     }
 
     fn of_message(&self, message: &DriveCommandMsg) -> Command {
-        match message.mode {
-            mode if mode == CommandMode::Velocity as u32 => Command::Velocity(joints(&message.qd_r)),
-            mode if mode == CommandMode::Position as u32 => Command::Position(joints(&message.q_r)),
+        match (message.mode, self.arm.last()) {
+            (mode, Some(state)) if mode == CommandMode::Torque as u32 => Command::Torque {
+                tau: self.weights.without(message, &state.q),
+                contain_friction: message.flags & drive_flag::FRICTION != 0,
+            },
+            (mode, _) if mode == CommandMode::Velocity as u32 => Command::Velocity(joints(&message.qd_r)),
+            (mode, _) if mode == CommandMode::Position as u32 => Command::Position(joints(&message.q_r)),
             // Control asks for no mode that the first state does not name.
             _ => Command::Hold,
         }
@@ -138,7 +154,7 @@ pub fn run(
         let arm = Arm::connect(settings)?;
         let (host, version, rate_hz) = (settings.host, arm.version(), arm.series().rate_hz());
         let about = format!("robot at {host}, software {version}, {rate_hz:.0} Hz");
-        Ok((UrArm { arm, enable, joining }, about))
+        Ok((UrArm { arm, enable, joining, weights: Weights::default() }, about))
     };
     drive_robot::run(connect, joining, stop)
 }

@@ -151,7 +151,7 @@ fn the_drive_of_a_robot_passes_and_leaves_it_at_rest() {
         series: Series::ESeries,
         q,
         running: true,
-        joints: Box::new(StiffJoints),
+        joints: Box::new(StiffJoints::default()),
     })
     .unwrap();
     let (host, instance) = (robot.address().to_string(), Instance::new("checksur"));

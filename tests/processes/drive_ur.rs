@@ -24,7 +24,7 @@ fn robot(series: Series) -> Emulator {
     static COUNT: AtomicU8 = AtomicU8::new(1);
     let [_, _, b, c] = std::process::id().to_be_bytes();
     let address = Ipv4Addr::new(127, 210 + b % 40, c, COUNT.fetch_add(1, Ordering::Relaxed)).into();
-    let joints = Box::new(StiffJoints);
+    let joints = Box::new(StiffJoints::default());
     Emulator::start(EmulatorSettings { address, series, q: START, running: true, joints }).unwrap()
 }
 

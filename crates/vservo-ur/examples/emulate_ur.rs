@@ -12,7 +12,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let address = arguments.next().unwrap_or_else(|| "127.0.0.1".into()).parse()?;
     let series = if arguments.next().as_deref() == Some("cb3") { Series::Cb3 } else { Series::ESeries };
     let q = [0.4617, -1.7204, 1.4481, -1.2809, -1.8176, 0.9664];
-    let settings = EmulatorSettings { address, series, q, running: true, joints: Box::new(StiffJoints) };
+    let settings =
+        EmulatorSettings { address, series, q, running: true, joints: Box::new(StiffJoints::default()) };
     let robot = Emulator::start(settings)?;
     println!("a robot that is none listens on {address}");
     loop {

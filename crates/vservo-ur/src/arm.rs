@@ -13,6 +13,7 @@ pub use recovery::Recovered;
 pub use state::{ArmSettings, ArmState, Command};
 
 use crate::dashboard::Dashboard;
+use crate::primary::{ControllerMessage, MessageListener};
 use crate::program::{Payload, ProgramSettings, command, state as program_state};
 use crate::robot::{RobotMode, RuntimeState, Series, Version};
 use crate::rtde::{DataType, Recipe, RtdeClient, RtdeSettings, nanoseconds};
@@ -43,6 +44,8 @@ pub struct Arm {
     places: Places,
     program: ProgramSettings,
     clock_map: ClockMap,
+    /// What the controller says by itself, where it can be heard.
+    messages: Option<MessageListener>,
     count: i32,
     last: Option<ArmState>,
     standing: u32,
@@ -80,6 +83,7 @@ impl Arm {
             watchdog: settings.watchdog,
             payload: settings.payload,
             takes_inertia: version.has_payload_inertia(),
+            torques: version.torques(),
         };
         let (outputs, places) = Self::set_up_outputs(&mut rtde, &program, series)?;
         let inputs = rtde.set_up_inputs(&program.inputs())?;
@@ -93,6 +97,7 @@ impl Arm {
             places,
             program,
             clock_map: ClockMap::default(),
+            messages: MessageListener::connect(settings.host, settings.patience).ok(),
             count: 0,
             last: None,
             standing: 0,
@@ -152,6 +157,15 @@ impl Arm {
         self.program.payload = payload;
     }
 
+    /// That the controller takes torques.
+    ///
+    /// # Errors
+    /// When its software does not.
+    pub fn takes_torques(&self) -> Result<(), UrError> {
+        let version = self.version();
+        version.torques().map(drop).ok_or(UrError::NoTorques { version })
+    }
+
     /// Its series.
     #[must_use]
     pub fn series(&self) -> Series {
@@ -168,6 +182,11 @@ impl Arm {
     #[must_use]
     pub fn missed(&self) -> (u64, i64) {
         (self.gaps, self.clock_map.longest_delay_ns())
+    }
+
+    /// The next message of the controller about a stop that has come.
+    pub fn heard(&mut self) -> Option<ControllerMessage> {
+        self.messages.as_ref().and_then(MessageListener::next)
     }
 
     /// What is known of the controller's clock.
@@ -344,6 +363,8 @@ impl Arm {
             Command::Hold => (command::HOLD, [0.0; JOINTS]),
             Command::Position(q) => (command::POSITION, q),
             Command::Velocity(qd) => (command::VELOCITY, qd),
+            Command::Torque { tau, contain_friction: false } => (command::TORQUE, tau),
+            Command::Torque { tau, contain_friction: true } => (command::TORQUE_WITH_FRICTION, tau),
             Command::End => (command::END, [0.0; JOINTS]),
         };
         // A number that is none moves no arm.

@@ -24,6 +24,10 @@ pub enum UrError {
         "the robot's software {version} is too old for this driver: it needs 3.9 (CB3) or 5.3 (e-Series)"
     )]
     TooOld { version: Version },
+    #[error(
+        "the robot's software {version} takes no torques: that needs 5.23, or 10.11 on PolyScope X; set drive.mode to `position` or `velocity`"
+    )]
+    NoTorques { version: Version },
     #[error("the robot's software {version} does not know {}: it is too old, or not one of this maker", .names.join(", "))]
     NotFound { names: Vec<String>, version: Version },
     #[error(

@@ -15,6 +15,7 @@ pub mod arm;
 pub mod dashboard;
 pub mod emulator;
 pub mod error;
+pub mod primary;
 pub mod program;
 pub mod robot;
 pub mod rtde;

@@ -3,15 +3,18 @@
 //! ```text
 //! input registers, from o = 24 (or 0)            output registers
 //! int o      command: 0 hold, 1 position,        int o      what the program does: 1 holds, 2 moves,
-//!            2 velocity, 4 end                              3 ended because nothing came, 4 ended when asked to
+//!            2 velocity, 3 and 5 torque, 4 end              3 ended because nothing came, 4 ended when asked to
 //! int o+1    counts commands                     int o+1    the count that it obeys
 //! int o+2    the session                         int o+2    the session
-//! double o to o+5   q, rad, or qd, rad/s
+//! double o to o+5   q, rad, qd, rad/s, or torques, N m
 //! ```
 //! The target of `servoj` goes from where it is to what is commanded at most as fast as a joint may: after a network that stood still the next position
 //! is ahead by all that the arm was to go meanwhile, and a robot takes that leap for a collision course.
 //! What registers hold from another session is not obeyed. When the count stands still for the watchdog's time, the program brakes the arm with `stopj`
-//! and ends: it stops by itself when the driver, its machine, or the network fails. A new start takes a new program.
+//! and ends: it stops by itself when the driver, its machine, or the network fails. Under torques, which drive an arm away where nobody corrects them, that time is
+//! shorter ([`TORQUE_WATCHDOG`]). A new start takes a new program.
+//!
+//! Torques are commanded by `direct_torque`, to which the controller adds the weight of arm and payload. Its friction it compensates as it is set there (3), or not at all (5).
 
 use crate::Series;
 use std::fmt::Write;
@@ -28,6 +31,10 @@ pub mod command {
     pub const POSITION: i32 = 1;
     /// `speedj` with the velocities.
     pub const VELOCITY: i32 = 2;
+    /// `direct_torque` with the torques, and with the controller's own compensation of friction.
+    pub const TORQUE: i32 = 3;
+    /// `direct_torque` with the torques, which compensate the friction themselves.
+    pub const TORQUE_WITH_FRICTION: i32 = 5;
     /// Brakes the arm, and ends the program.
     pub const END: i32 = 4;
 }
@@ -80,7 +87,22 @@ pub struct ProgramSettings {
     pub payload: Option<Payload>,
     /// Whether the controller takes the inertia of a payload.
     pub takes_inertia: bool,
+    /// How the controller takes torques; none where its software does not.
+    pub torques: Option<TorqueInterface>,
 }
+
+/// What `direct_torque` is told of friction, which differs between versions of the software.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TorqueInterface {
+    /// Whether it is compensated.
+    FrictionSwitch,
+    /// Which share of it is compensated, of each joint.
+    FrictionScales,
+}
+
+/// Longest time that the program goes on with a torque which nobody has renewed: the twenty cycles of 1 kHz after which a Franka robot gives up by its maker's
+/// documentation; 1 rad/s2 that was meant to end then adds 0.02 rad/s.
+pub const TORQUE_WATCHDOG: Duration = Duration::from_millis(20);
 
 /// How long a program that holds the arm waits for a command, s. Chosen by hand: a driver sends one in every cycle, also while it holds, but a loaded
 /// machine may take its time between the start of the program and the first.
@@ -110,6 +132,38 @@ impl ProgramSettings {
         }
     }
 
+    /// The branches of the program that command torques. A controller refuses whole programs with a function that it does not know.
+    fn torque_branches(&self, joints: &str, cycles: u64) -> String {
+        let Some(interface) = self.torques else { return String::new() };
+        let none = match interface {
+            TorqueInterface::FrictionSwitch => "friction_comp=False",
+            TorqueInterface::FrictionScales => {
+                "viscous_scale=[0, 0, 0, 0, 0, 0], coulomb_scale=[0, 0, 0, 0, 0, 0]"
+            }
+        };
+        let (with, without, missed) = (command::TORQUE_WITH_FRICTION, command::TORQUE, state::MISSED);
+        let (o0, moves) = (self.registers, state::MOVES);
+        format!(
+            "\
+    elif command == {without} or command == {with}:
+      moving = True
+      write_output_integer_register({o0}, {moves})
+      if silent > {cycles}:
+        why = {missed}
+        running = False
+      else:
+        tau = [{joints}]
+        if command == {without}:
+          direct_torque(tau)
+        else:
+          direct_torque(tau, {none})
+        end
+        goal = get_target_joint_positions()
+      end
+"
+        )
+    }
+
     /// The program.
     #[must_use]
     pub fn text(&self) -> String {
@@ -120,6 +174,7 @@ impl ProgramSettings {
         let joints: Vec<_> = (o..o + 6).map(|i| format!("read_input_float_register({i})")).collect();
         let joints = joints.join(", ");
         let payload = self.payload_line();
+        let torques = self.torque_branches(&joints, cycles(TORQUE_WATCHDOG.min(self.watchdog).as_secs_f64()));
         let mut text = String::new();
         // Writing to a string cannot fail.
         let _ = write!(
@@ -175,7 +230,7 @@ def vservo_drive():
       qd = [{joints}]
       speedj(qd, {acceleration}, {step_s})
       goal = get_target_joint_positions()
-    elif command == {end}:
+{torques}    elif command == {end}:
       running = False
     else:
       if moving:

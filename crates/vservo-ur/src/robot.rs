@@ -1,5 +1,6 @@
 //! What the robot says of itself, in its own numbers and in words. The numbers are those of the maker's protocol.
 
+use crate::program::TorqueInterface;
 use std::fmt;
 
 /// Mode of the robot.
@@ -248,6 +249,20 @@ impl Version {
     #[must_use]
     pub fn has_payload_inertia(self) -> bool {
         (self.major, self.minor) >= (5, 10)
+    }
+
+    /// How programs command torques: since 5.23 and 10.11, with shares of the friction since 5.25.1 and 10.12.1, as the maker's own client has it.
+    #[must_use]
+    pub fn torques(self) -> Option<TorqueInterface> {
+        let is_since = |five: (u32, u32), ten: (u32, u32)| match self.major {
+            5 => (self.minor, self.bugfix) >= five,
+            other => other >= 10 && (other > 10 || (self.minor, self.bugfix) >= ten),
+        };
+        match (is_since((25, 1), (12, 1)), is_since((23, 0), (11, 0))) {
+            (true, _) => Some(TorqueInterface::FrictionScales),
+            (_, true) => Some(TorqueInterface::FrictionSwitch),
+            _ => None,
+        }
     }
 }
 

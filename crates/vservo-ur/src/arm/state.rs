@@ -77,6 +77,13 @@ pub enum Command {
     Position(Joints),
     /// Move with these velocities, rad/s.
     Velocity(Joints),
+    /// Push with these torques beside the weight, which the robot holds, N m.
+    Torque {
+        /// Of each joint.
+        tau: Joints,
+        /// Whether they contain what friction takes; else the robot compensates its own.
+        contain_friction: bool,
+    },
     /// Brake, and end the program.
     End,
 }

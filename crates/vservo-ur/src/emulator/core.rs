@@ -2,6 +2,7 @@
 
 use super::faults::Faults;
 use super::motion::{Motion, Reference};
+use crate::primary;
 use crate::program::Payload;
 use crate::{JOINTS, Joints, RobotMode, RuntimeState, SafetyMode, Series, Version};
 
@@ -14,6 +15,10 @@ const BOOT_S: f64 = 1.0;
 /// Time after which a protective stop may be unlocked, s, by the maker's documentation.
 const UNLOCK_S: f64 = 5.0;
 
+/// The shares of its friction that a controller compensates where nobody tells others, by the maker's own client.
+pub(super) const VISCOUS_SHARE: Joints = [0.9, 0.9, 0.8, 0.9, 0.9, 0.9];
+pub(super) const COULOMB_SHARE: Joints = [0.8, 0.8, 0.7, 0.8, 0.8, 0.8];
+
 /// The payload of a robot that was told none.
 const NO_PAYLOAD: Payload = Payload { mass_kg: 0.0, com_m: [0.0; 3], inertia_kg_m2: None };
 
@@ -21,15 +26,42 @@ const NO_PAYLOAD: Payload = Payload { mass_kg: 0.0, com_m: [0.0; 3], inertia_kg_
 pub trait JointModel: Send {
     /// Measured positions and velocities after `dt_s` under a reference, rad and rad/s.
     fn step(&mut self, q: &Joints, qd: &Joints, dt_s: f64) -> (Joints, Joints);
+    /// Measured positions and velocities after `dt_s` under torques, rad and rad/s.
+    fn push(&mut self, torque: &Torque, dt_s: f64) -> (Joints, Joints);
+    /// What the controller is told to carry, whose weight it adds to torques.
+    fn carry(&mut self, _: &Payload) {}
 }
 
-/// Joints that follow their reference at once.
+/// What `direct_torque` commands.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Torque {
+    /// Torques of the joints beside the weight of arm and payload, N m.
+    pub tau: Joints,
+    /// The share of the viscous friction that the controller adds, 0 to 1.
+    pub viscous_share: Joints,
+    /// The share of the Coulomb friction.
+    pub coulomb_share: Joints,
+}
+
+/// Joints that follow their reference at once. Under torques each is a rotor of 1 kg m2 without friction or weight.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct StiffJoints;
+pub struct StiffJoints {
+    q: Joints,
+    qd: Joints,
+}
 
 impl JointModel for StiffJoints {
     fn step(&mut self, q: &Joints, qd: &Joints, _: f64) -> (Joints, Joints) {
+        (self.q, self.qd) = (*q, *qd);
         (*q, *qd)
+    }
+
+    fn push(&mut self, torque: &Torque, dt_s: f64) -> (Joints, Joints) {
+        for ((q, qd), tau) in self.q.iter_mut().zip(&mut self.qd).zip(&torque.tau) {
+            *qd += tau * dt_s;
+            *q += *qd * dt_s;
+        }
+        (self.q, self.qd)
     }
 }
 
@@ -72,6 +104,9 @@ pub(super) struct Core {
     /// What it was told to carry: of the installation, nothing.
     pub(super) payload: Payload,
     pub(super) faults: Faults,
+    /// Packages for whoever listens to the primary interface, newest last, and how many there were before them.
+    pub(super) messages: Vec<Vec<u8>>,
+    pub(super) messages_gone: usize,
     /// What was told, newest last.
     pub(super) log: Vec<String>,
     joints: Box<dyn JointModel>,
@@ -84,7 +119,7 @@ impl Core {
     pub(super) fn new(series: Series, q: Joints, joints: Box<dyn JointModel>) -> Self {
         let (major, minor) = match series {
             Series::Cb3 => (3, 15),
-            Series::ESeries => (5, 11),
+            Series::ESeries => (5, 26),
         };
         Self {
             series,
@@ -106,6 +141,8 @@ impl Core {
             out_doubles: [0.0; REGISTERS],
             payload: NO_PAYLOAD,
             faults: Faults::default(),
+            messages: Vec::new(),
+            messages_gone: 0,
             log: Vec::new(),
             joints,
             under_way: None,
@@ -125,6 +162,30 @@ impl Core {
         self.log.push(text.into());
     }
 
+    /// Says an error over the primary interface, as a violation.
+    pub(super) fn say_error(&mut self, code: i32, argument: i32, text: &str) {
+        let numbers = [code, argument, 3, 0, 0].map(i32::to_be_bytes).concat();
+        self.say(6, &[&numbers, text.as_bytes()].concat());
+    }
+
+    /// Says that a program cannot go on.
+    pub(super) fn say_exception(&mut self, line: i32, text: &str) {
+        self.say(10, &[&[line, 0].map(i32::to_be_bytes).concat(), text.as_bytes()].concat());
+    }
+
+    fn say(&mut self, kind: u8, body: &[u8]) {
+        // Source 254 is the controller itself by the maker's protocol; the time is in microseconds.
+        let time = ((self.time_s * 1e6) as u64).to_be_bytes();
+        let payload = [&[primary::MESSAGE][..], &time, &[254, kind], body].concat();
+        let length = (payload.len() as u32 + 4).to_be_bytes();
+        // Chosen by hand, as for the log.
+        if self.messages.len() >= 100 {
+            self.messages.remove(0);
+            self.messages_gone += 1;
+        }
+        self.messages.push([&length[..], &payload].concat());
+    }
+
     /// One cycle.
     pub(super) fn step(&mut self) {
         let dt_s = self.period_s();
@@ -138,11 +199,22 @@ impl Core {
             self.mode = next;
         }
         if self.mode == RobotMode::Running {
-            if let Err(words) = self.reference.step(dt_s) {
-                self.tell(words);
+            let torque = self.reference.torque();
+            let passes = match torque {
+                Some(torque) => {
+                    (self.q, self.qd) = self.joints.push(&torque, dt_s);
+                    self.reference.follow(&self.q, &self.qd)
+                }
+                None => self.reference.step(dt_s),
+            };
+            if let Err(violation) = passes {
+                self.tell(violation.to_string());
+                self.say_error(violation.code, violation.argument, violation.text);
                 self.stop_by_safety(SafetyMode::ProtectiveStop);
             }
-            (self.q, self.qd) = self.joints.step(&self.reference.q, &self.reference.qd, dt_s);
+            if torque.is_none() {
+                (self.q, self.qd) = self.joints.step(&self.reference.q, &self.reference.qd, dt_s);
+            }
             if matches!(self.safety, SafetyMode::RobotEmergencyStop | SafetyMode::SystemEmergencyStop)
                 && self.reference.stands()
             {
@@ -177,6 +249,12 @@ impl Core {
         }
         self.runtime = RuntimeState::Playing;
         Ok(self.program)
+    }
+
+    /// Takes what it is told to carry.
+    pub(super) fn carry(&mut self, payload: Payload) {
+        self.payload = payload;
+        self.joints.carry(&payload);
     }
 
     /// Ends whatever program runs, and brakes.
@@ -246,6 +324,6 @@ impl Core {
         self.under_way = Some((BOOT_S, RobotMode::PowerOff));
         (self.inputs, self.coming) = (Inputs::default(), Inputs::default());
         (self.out_ints, self.out_doubles) = ([0; REGISTERS], [0.0; REGISTERS]);
-        self.payload = NO_PAYLOAD;
+        self.carry(NO_PAYLOAD);
     }
 }

@@ -45,6 +45,13 @@ pub enum Fault {
     WrongProtocol,
     /// The software is 3.2 or 5.2.
     OldSoftware,
+    /// The software is this minor version, with this number of bug fixes.
+    Software {
+        /// 22 of 5.22.1.
+        minor: u32,
+        /// 1 of it.
+        bugfix: u32,
+    },
     /// The input registers belong to somebody else.
     RegistersInUse,
     /// Variables are not known.
@@ -62,7 +69,7 @@ pub enum Fault {
 }
 
 /// Words of faults, for command lines.
-const WORDS: [(&str, Fault); 24] = [
+const WORDS: [(&str, Fault); 25] = [
     ("protective-stop", Fault::Stop(SafetyMode::ProtectiveStop)),
     ("emergency-stop", Fault::Stop(SafetyMode::RobotEmergencyStop)),
     ("safeguard-stop", Fault::Stop(SafetyMode::SafeguardStop)),
@@ -83,6 +90,7 @@ const WORDS: [(&str, Fault); 24] = [
     ("refuse-programs", Fault::RefusePrograms),
     ("wrong-protocol", Fault::WrongProtocol),
     ("old-software", Fault::OldSoftware),
+    ("software-without-torques", Fault::Software { minor: 22, bugfix: 0 }),
     ("registers-in-use", Fault::RegistersInUse),
     ("local-control", Fault::LocalControl),
     ("silent-dashboard", Fault::SilentDashboard),

@@ -1,10 +1,11 @@
 //! Runs a program's tree on the emulated controller: instructions take their cycles, registers are those of RTDE.
 
+use super::core::{COULOMB_SHARE, Torque, VISCOUS_SHARE};
 use super::motion::Motion;
 use super::programs::{End, Host};
 use super::syntax::{Action, Block, Expression, Function, Program};
 use crate::Joints;
-use crate::program::Payload;
+use crate::program::{Payload, TorqueInterface};
 use std::collections::HashMap;
 
 /// Rounds of a loop within one cycle before the controller takes it for endless. Chosen by hand: thousand times what a program of registers has.
@@ -273,6 +274,11 @@ impl Machine<'_, '_> {
                 };
                 self.host.go(motion, arguments.number(2, "t", Some(period_s))?)?;
             }
+            "direct_torque" => {
+                self.rounds = 0;
+                let torque = arguments.torque(self.host.torques()?)?;
+                self.host.go(Motion::Push(torque), period_s)?;
+            }
             "stopj" => {
                 self.rounds = 0;
                 self.host.stop(arguments.number(0, "a", Some(STOP_RAD_S2))?)?;
@@ -308,6 +314,37 @@ impl Arguments<'_> {
 
     fn joints(&self, at: usize, name: &str) -> Result<Joints, End> {
         self.numbers(at, name)
+    }
+
+    /// What `direct_torque` is told, by the names of this version.
+    fn torque(&self, interface: TorqueInterface) -> Result<Torque, End> {
+        let known: &[&str] = match interface {
+            TorqueInterface::FrictionSwitch => &["torque", "friction_comp"],
+            TorqueInterface::FrictionScales => &["torque", "friction_comp", "viscous_scale", "coulomb_scale"],
+        };
+        if let Some(key) = self.0.iter().filter_map(|(key, _)| *key).find(|key| !known.contains(key)) {
+            return wrong(format!("`direct_torque` of this version does not know `{key}`"));
+        }
+        let mut torque = Torque {
+            tau: self.joints(0, "torque")?,
+            viscous_share: VISCOUS_SHARE,
+            coulomb_share: COULOMB_SHARE,
+        };
+        if self.get(usize::MAX, "friction_comp") == Some(&Value::Bool(false)) {
+            (torque.viscous_share, torque.coulomb_share) = Default::default();
+        }
+        for (key, share) in
+            [("viscous_scale", &mut torque.viscous_share), ("coulomb_scale", &mut torque.coulomb_share)]
+        {
+            if self.get(usize::MAX, key).is_some() {
+                *share = self.joints(usize::MAX, key)?;
+            }
+        }
+        let mut shares = torque.viscous_share.iter().chain(&torque.coulomb_share);
+        if !shares.all(|share| (0.0..=1.0).contains(share)) {
+            return wrong("shares of the friction are 0 to 1");
+        }
+        Ok(torque)
     }
 
     fn numbers<const N: usize>(&self, at: usize, name: &str) -> Result<[f64; N], End> {

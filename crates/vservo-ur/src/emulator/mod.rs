@@ -3,7 +3,7 @@
 //! ```text
 //! 30004  rtde_server       recipes, states in every cycle, registers ─► core: modes, stops, motion, registers ─► JointModel
 //! 29999  dashboard_server  power, brakes, unlocking                      ▲
-//! 30001 to 30003  programs: their text is run by an interpreter ─────────┘ registers, servoj, speedj, stopj
+//! 30001 to 30003  programs: their text is run by an interpreter ─────────┘ registers, servoj, speedj, direct_torque, stopj; 30001 tells why something stops
 //! ```
 //! Programs are executed as they are written: `interpreter` knows as much of URScript as ours needs, and refuses the rest with the line. The program of `ur_rtde`
 //! is recognised, and its protocol of registers served for what it needs to hold, servo, move by speed and stop.
@@ -21,12 +21,12 @@ mod syntax;
 mod ur_rtde;
 mod variables;
 
-pub use self::core::{JointModel, StiffJoints};
+pub use self::core::{JointModel, StiffJoints, Torque};
 pub use faults::Fault;
 
 use self::core::Core;
 use crate::program::Payload;
-use crate::{Joints, RobotMode, RuntimeState, SafetyMode, Series, dashboard, program, rtde};
+use crate::{Joints, RobotMode, RuntimeState, SafetyMode, Series, dashboard, primary, program, rtde};
 use faults::Pieces;
 use rtde_server::Client;
 use std::io::ErrorKind;
@@ -145,9 +145,11 @@ impl Emulator {
         emulator.spawn("ur-rtde", move |shared| rtde_server::serve(shared, &listener))?;
         let listener = bind(dashboard::PORT)?;
         emulator.spawn("ur-dashboard", move |shared| dashboard_server::serve(shared, &listener))?;
-        for port in [program::PORT - 1, program::PORT, program::PORT + 1] {
+        for port in [primary::PORT, program::PORT, program::PORT + 1] {
             let listener = bind(port)?;
-            emulator.spawn("ur-programs", move |shared| programs::serve(shared, &listener))?;
+            emulator.spawn("ur-programs", move |shared| {
+                programs::serve(shared, &listener, port == primary::PORT)
+            })?;
         }
         emulator.spawn("ur-cycle", |shared| run_cycles(shared))?;
         Ok(emulator)
@@ -171,7 +173,11 @@ impl Emulator {
         let mut core = self.shared.core();
         let core = &mut *core;
         match fault {
-            Fault::Stop(mode) => core.stop_by_safety(mode),
+            Fault::Stop(mode) => {
+                core.stop_by_safety(mode);
+                // A number that no controller has.
+                core.say_error(9999, 0, "stopped by the emulator, as it was asked to");
+            }
             Fault::PowerOff => {
                 core.power_off();
             }
@@ -198,6 +204,7 @@ impl Emulator {
             Fault::RefusePrograms => core.faults.refuse_programs = true,
             Fault::WrongProtocol => core.faults.wrong_protocol = true,
             Fault::OldSoftware => core.version.minor = 2,
+            Fault::Software { minor, bugfix } => (core.version.minor, core.version.bugfix) = (minor, bugfix),
             Fault::RegistersInUse => core.faults.registers_in_use = true,
             Fault::UnknownVariables => core.faults.unknown_variables = true,
             Fault::SilentSetup => core.faults.silent_setup = true,

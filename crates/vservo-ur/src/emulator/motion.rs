@@ -4,11 +4,14 @@
 //! servoj  s' = (q_d - s)/lookahead,  r' = gain/8 (s - r)        lags by lookahead + 8/gain: 34 ms with 0.03 s and 2000
 //! speedj  v' towards v_d, all joints arriving together, |v'| <= a
 //! stopj   v' towards 0 in the same way
+//! direct_torque   no reference: what the joints do under the torques
 //! ```
 //! The maker publishes no equations of `servoj`: these two lags have its parameters' roles (smoothing, and a proportional gain), and the lag that
 //! users measure with the quickest parameters.
 
+use super::core::Torque;
 use crate::{JOINTS, Joints};
+use std::fmt;
 
 /// Factor from `gain` to a rate, 1/s. Chosen so that the quickest parameters lag by 34 ms, as users measure.
 const RATE_OF_GAIN: f64 = 1.0 / 8.0;
@@ -21,6 +24,24 @@ const SAFETY_STOP_RAD_S2: f64 = 20.0;
 /// A velocity below which a stop is over, rad/s. Chosen by hand: far below what is measured.
 const STANDS_RAD_S: f64 = 1e-6;
 
+/// What the safety system does not let pass, by the number under which the maker's documentation has it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Violation {
+    pub(super) code: i32,
+    pub(super) argument: i32,
+    pub(super) text: &'static str,
+}
+
+impl fmt::Display for Violation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "C{}A{}: {}", self.code, self.argument, self.text)
+    }
+}
+
+const TOO_FAST: Violation = Violation { code: 153, argument: 0, text: "a joint's speed is beyond its limit" };
+const SUDDEN: Violation =
+    Violation { code: 204, argument: 3, text: "path sanity check failed, sudden change in target position" };
+
 /// An instruction that moves.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Motion {
@@ -28,6 +49,7 @@ pub(super) enum Motion {
     Servo { q: Joints, lookahead_s: f64, gain: f64 },
     Speed { qd: Joints, acceleration: f64 },
     Stop { deceleration: f64 },
+    Push(Torque),
 }
 
 /// The reference of the joints.
@@ -60,11 +82,27 @@ impl Reference {
         self.qd.iter().all(|v| v.abs() < STANDS_RAD_S)
     }
 
-    /// One cycle; the words of the safety system when it does not let it pass.
-    pub(super) fn step(&mut self, dt_s: f64) -> Result<(), &'static str> {
+    /// The torques, where these are commanded.
+    pub(super) fn torque(&self) -> Option<Torque> {
+        if let Motion::Push(torque) = self.motion { Some(torque) } else { None }
+    }
+
+    /// One cycle under torques, after which the joints are there.
+    pub(super) fn follow(&mut self, q: &Joints, qd: &Joints) -> Result<(), Violation> {
+        (self.q, self.qd, self.smoothed) = (*q, *qd, *q);
+        self.watch_speed()
+    }
+
+    fn watch_speed(&self) -> Result<(), Violation> {
+        let is_fast = self.qd.iter().any(|v| !(v.abs() <= FASTEST_RAD_S));
+        if is_fast { Err(TOO_FAST) } else { Ok(()) }
+    }
+
+    /// One cycle; what the safety system does not let pass.
+    pub(super) fn step(&mut self, dt_s: f64) -> Result<(), Violation> {
         let before = self.qd;
         match self.motion {
-            Motion::Hold => self.qd = [0.0; JOINTS],
+            Motion::Hold | Motion::Push(_) => self.qd = [0.0; JOINTS],
             Motion::Servo { q, lookahead_s, gain } => {
                 let (smooth, follow) = (share(dt_s / lookahead_s), share(dt_s * gain * RATE_OF_GAIN));
                 let joints = self.smoothed.iter_mut().zip(&mut self.qd).zip(q.iter().zip(&self.q));
@@ -80,12 +118,10 @@ impl Reference {
             *q += qd * dt_s;
         }
         let braking = matches!(self.motion, Motion::Stop { .. } | Motion::Hold);
-        if self.qd.iter().any(|v| !(v.abs() <= FASTEST_RAD_S)) {
-            return Err("C153A0: a joint's speed is beyond its limit");
-        }
+        self.watch_speed()?;
         let jump = before.iter().zip(&self.qd).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         if !braking && jump > SUDDEN_RAD_S2 * dt_s {
-            return Err("C204A3: path sanity check failed, sudden change in target position");
+            return Err(SUDDEN);
         }
         Ok(())
     }
@@ -149,12 +185,12 @@ mod tests {
     fn a_jump_is_a_sudden_change() {
         let mut reference = Reference::at([0.0; JOINTS]);
         reference.obey(Motion::Servo { q: [0.2; JOINTS], lookahead_s: 0.03, gain: 2000.0 });
-        assert!(reference.step(2e-3).unwrap_err().contains("sudden"));
+        assert!(reference.step(2e-3).unwrap_err().text.contains("sudden"));
         reference.obey(Motion::Speed { qd: [4.0; JOINTS], acceleration: 40.0 });
         let mut told = Ok(());
         for _ in 0..200 {
             told = told.and(reference.step(2e-3));
         }
-        assert!(told.unwrap_err().contains("speed"));
+        assert!(told.unwrap_err().text.contains("speed"));
     }
 }

@@ -4,8 +4,8 @@ use super::core::{Inputs, REGISTERS};
 use super::motion::Motion;
 use super::{Shared, accept, interpreter, syntax, ur_rtde};
 use crate::RuntimeState;
-use crate::program::Payload;
-use std::io::{ErrorKind, Read};
+use crate::program::{Payload, TorqueInterface};
+use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, PoisonError};
@@ -30,12 +30,13 @@ pub(super) enum End {
 }
 
 /// Takes programs until the emulator ends.
-pub(super) fn serve(shared: &Arc<Shared>, listener: &TcpListener) {
+/// On the primary interface they are told messages.
+pub(super) fn serve(shared: &Arc<Shared>, listener: &TcpListener, is_primary: bool) {
     let mut threads = Vec::new();
     while let Some(stream) = accept(shared, listener) {
         let own = Arc::clone(shared);
         let thread = std::thread::Builder::new().name("ur-program-client".into());
-        threads.extend(thread.spawn(move || receive(&own, stream)).ok());
+        threads.extend(thread.spawn(move || receive(&own, stream, is_primary)).ok());
         threads.retain(|thread| !thread.is_finished());
     }
     for thread in threads {
@@ -44,11 +45,24 @@ pub(super) fn serve(shared: &Arc<Shared>, listener: &TcpListener) {
 }
 
 /// Reads programs from one client. Each is run by a thread of its own, which the next one ends.
-fn receive(shared: &Arc<Shared>, mut stream: TcpStream) {
+fn receive(shared: &Arc<Shared>, mut stream: TcpStream, is_primary: bool) {
+    let mut told = {
+        let core = shared.core();
+        core.messages_gone + core.messages.len()
+    };
     let mut text = Vec::new();
     let mut threads = Vec::new();
     let mut open = stream.set_read_timeout(Some(STILL)).is_ok();
     while open && !shared.ends.load(Ordering::Relaxed) {
+        if is_primary {
+            let packages = {
+                let core = shared.core();
+                let from = told.saturating_sub(core.messages_gone);
+                told = core.messages_gone + core.messages.len();
+                core.messages.get(from..).unwrap_or_default().concat()
+            };
+            open &= stream.write_all(&packages).is_ok();
+        }
         let mut piece = [0; 4096];
         let still = match stream.read(&mut piece) {
             Ok(0) => {
@@ -102,6 +116,12 @@ fn run(shared: &Shared, text: &str) {
     });
     let mut core = shared.core();
     if let Err(End::Wrong(why)) = end {
+        let (line, text) = why
+            .strip_prefix("line ")
+            .and_then(|rest| rest.split_once(": "))
+            .and_then(|(line, text)| Some((line.parse().ok()?, text)))
+            .unwrap_or((0, why.as_str()));
+        core.say_exception(line, text);
         core.tell(format!("a program has ended by an error: {why}"));
     }
     core.program_over(number);
@@ -169,8 +189,15 @@ impl Host<'_> {
         if !(payload.mass_kg >= 0.0 && payload.mass_kg <= MOST_KG && numbers.copied().all(f64::is_finite)) {
             return Err(End::Wrong(format!("no arm carries {} kg", payload.mass_kg)));
         }
-        core.payload = payload;
+        core.carry(payload);
         Ok(())
+    }
+
+    /// How programs of this version command torques.
+    pub(super) fn torques(&self) -> Result<TorqueInterface, End> {
+        let version = self.shared.core().version;
+        let none = || End::Wrong(format!("software {version} does not know `direct_torque`"));
+        version.torques().ok_or_else(none)
     }
 
     pub(super) fn tell(&self, text: String) {

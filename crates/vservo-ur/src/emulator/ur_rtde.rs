@@ -1,12 +1,13 @@
 //! The program of `ur_rtde`, as far as a client of it needs it here: the protocol of its registers is served, its text is not run.
 //!
 //! ```text
-//! int 0: command      0 none, 9 speedJ, 11 servoJ, 15 speedStop, 16 servoStop, 34 stopJ, 99 watchdog, 255 end
-//! doubles from 0: speedJ qd a t; servoJ q v a t lookahead gain; stops a
+//! int 0: command      0 none, 9 speedJ, 11 servoJ, 66 directTorque, 15 speedStop, 16 servoStop, 34 stopJ, 99 watchdog, 255 end
+//! doubles from 0: speedJ qd a t; servoJ q v a t lookahead gain; directTorque, 6 each: torque, shares of viscous and Coulomb friction; stops a
 //! out int 0: 1 ready for a command, 2 done with it
 //! ```
 //! Its registers begin at 0, or at 24 where its client asks for that: the text says which.
 
+use super::core::Torque;
 use super::motion::Motion;
 use super::programs::{End, Host};
 use crate::Joints;
@@ -38,6 +39,12 @@ pub(super) fn run(host: &mut Host<'_>, text: &str) -> Result<(), End> {
             11 => {
                 let (lookahead_s, gain) = (double(host, 9), double(host, 10));
                 host.begin(Motion::Servo { q: joints(host), lookahead_s, gain })?;
+                host.put_int(offset, READY);
+            }
+            66 => {
+                let six = |from: usize| -> Joints { std::array::from_fn(|i| double(host, from + i)) };
+                let torque = Torque { tau: six(0), viscous_share: six(6), coulomb_share: six(12) };
+                host.begin(Motion::Push(torque))?;
                 host.put_int(offset, READY);
             }
             _ if executing => {}

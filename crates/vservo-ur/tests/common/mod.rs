@@ -32,7 +32,7 @@ pub fn robot(series: Series, running: bool) -> Emulator {
         series,
         q: Q,
         running,
-        joints: Box::new(StiffJoints),
+        joints: Box::new(StiffJoints::default()),
     })
     .unwrap()
 }
