@@ -11,7 +11,7 @@ use vservo::control::lifecycle::{Refusal, Request};
 use vservo::control::safety::Fault;
 use vservo::control::trace::{Event, Trace};
 use vservo::drive::{CommandMode, Drive, DriveCommand, DriveHealth, DriveState, RobotReport, SimulatedDrive};
-use vservo::messages::{ControlState, RobotState};
+use vservo::messages::{CommandForm, ControlCommand, ControlState, RobotState};
 use vservo::mission::LockstepRun;
 use vservo::sim::perfect_measurement;
 use vservo::time::MonoNs;
@@ -75,8 +75,12 @@ struct Cell {
 
 impl Cell {
     fn new(mode: &str) -> Self {
+        Self::with(mode, &[])
+    }
+
+    fn with(mode: &str, set: &[&str]) -> Self {
         let mode = format!("drive.mode={mode}");
-        let config = config("ur5.toml", &["run.serve=true", &mode]);
+        let config = config("ur5.toml", &[&["run.serve=true", mode.as_str()], set].concat());
         let robot = config.robot.build::<6>().unwrap();
         let settings = assemble::simulated_settings::<6>(&config).unwrap();
         let own = robot.clone();
@@ -282,4 +286,69 @@ fn a_wait_for_the_robot_ends_by_time_stop_and_faults() {
     cell.run.fail(Fault::StopLatched);
     cell.says(RobotState::Ready);
     assert_over(cell, "a latched stop and a ready robot");
+}
+
+/// In reduced mode the arm moves with the share of its velocity limits that the run file says, to which it comes within the half second that safety systems wait, and within its other limits; servoing, and on its way to a posture.
+#[test]
+fn an_arm_in_reduced_mode_is_slow_within_half_a_second() {
+    let share = 0.05;
+    for mode in ["torque", "velocity", "position"] {
+        let mut cell = Cell::with(mode, &["safety.reduced_speed_share=0.05"]);
+        let robot = cell.config.robot.build::<6>().unwrap();
+        let limits = assemble::motion_limits::<6>(&cell.config, &robot).unwrap();
+        let most =
+            |qd: &[f64]| qd.iter().zip(&limits.velocity).map(|(v, max)| v.abs() / max).fold(0.0, f64::max);
+        let mut before: Option<SVector<f64, 6>> = None;
+        let mut step = |cell: &mut Cell, ticks: i64, within: f64| {
+            for _ in 0..ticks {
+                let trace = cell.tick();
+                assert_eq!(trace.fault, None, "{mode}");
+                let qd = SVector::<f64, 6>::from_column_slice(&trace.joint_state.qd_r[..6]);
+                let measured = most(&trace.joint_state.qd[..6]);
+                assert!(measured <= within, "{mode}: {measured} of the limit");
+                if let Some(before) = before.replace(qd) {
+                    let rise = (qd - before) / 1e-3;
+                    for i in 0..6 {
+                        assert!(rise[i].abs() <= 1.01 * limits.acceleration[i], "{mode}: {}", rise[i]);
+                    }
+                }
+            }
+        };
+        cell.until(ControlState::Idle);
+        cell.run.request(Request::Start).unwrap();
+        step(&mut cell, 500, 1.0);
+        let qd = cell.tick().joint_state.qd;
+        assert!(most(&qd[..6]) > 2.0 * share, "{mode}: {}", most(&qd[..6]));
+        cell.says(RobotState::Reduced);
+        step(&mut cell, 500, 1.0);
+        step(&mut cell, 3000, 1.05 * share + 2e-3);
+        // Somebody lets it be quick again, and it comes to its goal.
+        cell.says(RobotState::Moving);
+        let mut fastest = 0.0_f64;
+        for _ in 0..6000 {
+            fastest = fastest.max(most(&cell.tick().joint_state.qd[..6]));
+        }
+        let mut q_r = SVector::<f64, 6>::from_column_slice(&cell.tick().joint_state.q_r[..6]);
+        assert!(fastest > 2.0 * share, "{mode}: {fastest}");
+        // To a posture: reduced on the way, on which it does not turn back.
+        let goal = q_r + SVector::from([0.8, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        let goto =
+            ControlCommand::with_numbers(Request::Goto as u32, CommandForm::Joints, goal.as_slice()).unwrap();
+        cell.run.ask(1, Request::Goto, &goto).unwrap();
+        let mut reduced = false;
+        for _ in 0..40_000 {
+            let trace = cell.tick();
+            let now = SVector::<f64, 6>::from_column_slice(&trace.joint_state.q_r[..6]);
+            if !reduced && now[0] > goal[0] - 0.5 {
+                reduced = true;
+                cell.says(RobotState::Reduced);
+            }
+            assert!(!reduced || now[0] - q_r[0] > -1e-6, "{mode}: turns back by {}", q_r[0] - now[0]);
+            q_r = now;
+            if trace.state == ControlState::Held {
+                break;
+            }
+        }
+        assert!(reduced && (q_r - goal).amax() < 1e-3, "{mode}: {}", (q_r - goal).amax());
+    }
 }

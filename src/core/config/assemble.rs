@@ -342,6 +342,7 @@ pub fn control_loop_with<const N: usize>(
         max_tracking_error: config.safety.max_tracking_error,
         obeys: !is_recorded,
         reaction: config.safety.contact,
+        reduced_speed_share: config.safety.reduced_speed_share,
         space: config.workspace.clone(),
         ..ControllerSettings::new(ArmModel { robot, limits }, joint_control, config.drive.mode, q_start)
     };

@@ -271,6 +271,8 @@ pub struct Safety {
     pub max_tracking_error: f64,
     /// What is done when something touches the arm.
     pub contact: ContactReaction,
+    /// Share of the velocity limits with which the arm moves in the robot's reduced mode.
+    pub reduced_speed_share: f64,
     /// How the run goes on after camera or vision was lost and started anew.
     pub resume: ResumePolicy,
     /// Whether a guardian watches the commands to an external drive.

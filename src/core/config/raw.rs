@@ -244,6 +244,8 @@ table! {
         max_tracking_error_rad_or_m: f64 = 0.1,
         /// What is done when something touches the arm while it moves.
         contact: ContactReaction = ContactReaction::Stop,
+        /// Share of the velocity limits with which the arm moves while its robot says that it is in reduced mode.
+        reduced_speed_share: f64 = 0.25,
         /// Real time: how the run goes on after its camera or vision process was lost and started anew.
         resume: ResumePolicy = ResumePolicy::Automatic,
         /// Real time, an external drive: whether a guardian watches control's commands and stops the arm when they are late, missing or wrong.

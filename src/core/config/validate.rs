@@ -141,6 +141,11 @@ pub(super) fn validate(
             1e-4..=10.0,
         ),
         contact: raw.safety.contact,
+        reduced_speed_share: check.range(
+            "safety.reduced_speed_share",
+            raw.safety.reduced_speed_share,
+            0.01..=1.0,
+        ),
         resume: raw.safety.resume,
         guardian: raw.safety.guardian,
         guardian_timeout: check.span_ms(

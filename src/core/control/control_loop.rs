@@ -104,6 +104,7 @@ impl<const N: usize> ControlLoop<N> {
     /// Takes in what the robot is beside its joints: one that has stopped by itself is a fault, and one that obeys again ends the wait of a reset.
     fn hear_robot(&mut self, now: MonoNs, robot: RobotReport) {
         self.robot = robot;
+        self.controller.reduce_speed(robot.state == RobotState::Reduced);
         let clears = self.controller.state() == State::Clearing;
         let since = clears.then(|| self.clears_since.unwrap_or(now));
         self.clears_since = since;

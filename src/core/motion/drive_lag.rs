@@ -62,10 +62,15 @@ impl<const N: usize> DriveLagObserver<N> {
         Self { joints: std::array::from_fn(joint), step, last: None, ticks: 0 }
     }
 
-    /// Takes in a tick in which the joints were commanded to move with `qd_r` and moved by `moved` (rad/s or m/s, rad or m); `lag` is by how much they are behind their
+    /// Takes in `ticks` in which the joints were commanded to move with `qd_r` in the mean and moved by `moved` (rad/s or m/s, rad or m); `lag` is by how much they are behind their
     /// commanded positions, `None` for a drive that obeys velocities.
-    pub fn note(&mut self, qd_r: &SVector<f64, N>, moved: &SVector<f64, N>, lag: Option<&SVector<f64, N>>) {
-        let h = TICK.as_s();
+    pub fn note(
+        &mut self,
+        (qd_r, ticks): (&SVector<f64, N>, u32),
+        moved: &SVector<f64, N>,
+        lag: Option<&SVector<f64, N>>,
+    ) {
+        let h = TICK.as_s() * f64::from(ticks);
         let before = self.last.replace(*qd_r).unwrap_or(*qd_r);
         for (i, joint) in self.joints.iter_mut().enumerate() {
             joint.lag =
@@ -123,7 +128,7 @@ mod tests {
             let moved = if k >= stop { 0.0 } else { qd * 1e-3 + 1e-5 * random.gaussian() };
             (q, q_r) = (q + moved, q_r + command(k) * 1e-3);
             let lag = Vector1::new(q_r - q);
-            observer.note(&Vector1::new(command(k)), &Vector1::new(moved), by_position.then_some(&lag));
+            observer.note((&Vector1::new(command(k)), 1), &Vector1::new(moved), by_position.then_some(&lag));
             if observer.excess()[0] > 6.0 {
                 return Some(k);
             }

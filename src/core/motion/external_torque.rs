@@ -80,7 +80,9 @@ pub struct ExternalTorqueObserver<const N: usize> {
     /// Position and velocity at the last tick, and the torque that acted before it.
     last: Option<(SVector<f64, N>, SVector<f64, N>, SVector<f64, N>)>,
     joints: [JointResidual; N],
+    /// Ticks that were taken in, and states.
     ticks: u32,
+    states: u32,
 }
 
 /// The residual of one joint.
@@ -136,24 +138,24 @@ impl<const N: usize> ExternalTorqueObserver<N> {
                 hidden,
             }
         };
-        Self { last: None, joints: std::array::from_fn(joint), ticks: 0 }
+        Self { last: None, joints: std::array::from_fn(joint), ticks: 0, states: 0 }
     }
 
-    /// Takes in the state at the end of a tick in which `tau` acted, N m or N. A payload takes torques that are not known, with the variances `doubt`, and so do rotors whose
+    /// Takes in the state at the end of `ticks` in which `tau` acted in the mean, N m or N. A payload takes torques that are not known, with the variances `doubt`, and so do rotors whose
     /// inertias have the variances `rotors`.
     pub fn note(
         &mut self,
         robot: &Robot<N>,
         (q, qd): (&SVector<f64, N>, &SVector<f64, N>),
-        tau: &SVector<f64, N>,
+        (tau, ticks): (&SVector<f64, N>, u32),
         (doubt, rotors): (&SVector<f64, N>, &SVector<f64, N>),
     ) {
-        let h = TICK.as_s();
+        let h = TICK.as_s() * f64::from(ticks);
         let Some((q_before, qd_before, tau_before)) = self.last.replace((*q, *qd, *tau)) else { return };
         let (q_mid, qd_mid, qdd) = ((q_before + q) * 0.5, (qd_before + qd) * 0.5, (qd - qd_before) / h);
         let modelled = robot.inverse_dynamics(&q_mid, &qd_mid, &qdd);
         let share = 1.0 - (-GAIN_RAD_S * h).exp();
-        let turn = (self.ticks % LEARNS_EVERY) as usize;
+        let turn = (self.states % LEARNS_EVERY) as usize;
         for (i, joint) in self.joints.iter_mut().enumerate() {
             let sign = qd_mid[i] / qd_mid[i].abs().max(MOVES);
             let x = Terms::new(1.0, qdd[i], sign, qd_mid[i], (tau[i] - tau_before[i]) / h);
@@ -166,10 +168,11 @@ impl<const N: usize> ExternalTorqueObserver<N> {
             joint.held = joint.holds(robot.friction()[i].coulomb);
             joint.judge(doubt[i], rotors[i]);
             if i == turn && self.ticks >= SETTLES {
-                joint.learn(doubt[i], rotors[i]);
+                joint.learn(doubt[i], rotors[i], h);
             }
         }
-        self.ticks = self.ticks.saturating_add(1);
+        self.ticks = self.ticks.saturating_add(ticks);
+        self.states = self.states.wrapping_add(1);
     }
 
     /// What coarse encoders hide is the torque `hidden` in a mean over some ticks, N m or N: steps that nobody told are found meanwhile.
@@ -255,9 +258,10 @@ impl JointResidual {
         self.variance = variance + self.doubt(payload) + self.resists(rotor);
     }
 
-    fn learn(&mut self, payload: f64, rotor: f64) {
-        let drift = DRIFT_PER_RAD.powi(2) * POSTURE * self.way
-            + DRIFT_1_S.powi(2) * f64::from(LEARNS_EVERY) * TICK.as_s();
+    /// `h`: time from state to state, s.
+    fn learn(&mut self, payload: f64, rotor: f64, h: f64) {
+        let drift =
+            DRIFT_PER_RAD.powi(2) * POSTURE * self.way + DRIFT_1_S.powi(2) * f64::from(LEARNS_EVERY) * h;
         self.way = 0.0;
         let doubt = self.doubt(payload) + self.resists(rotor) + self.held * self.held;
         self.model.take(self.r, &self.x, doubt, self.least_noise(), drift * self.effort * self.effort);

@@ -52,7 +52,8 @@ pub struct ReferenceState<const N: usize> {
 pub struct Reference<const N: usize> {
     limits: MotionLimits<N>,
     state: ReferenceState<N>,
-    /// Share of the acceleration limits that is used to follow motion commands.
+    /// Shares of the velocity and acceleration limits that are used to follow motion commands.
+    speed_share: f64,
     acceleration_share: f64,
     /// The limits in space, where there are some.
     space: Option<Box<Workspace<N>>>,
@@ -64,7 +65,7 @@ impl<const N: usize> Reference<N> {
     pub fn new(limits: MotionLimits<N>, q: SVector<f64, N>) -> Self {
         let zero = SVector::zeros();
         let state = ReferenceState { q, qd: zero, qdd: zero, a: zero, limits: ActingLimits::default() };
-        Self { limits, state, acceleration_share: 1.0, space: None }
+        Self { limits, state, speed_share: 1.0, acceleration_share: 1.0, space: None }
     }
 
     /// The same within limits in space.
@@ -83,6 +84,11 @@ impl<const N: usize> Reference<N> {
     /// suffice for more. It still brakes with all of them: one that became less while the arm moves must not lengthen its way.
     pub fn set_acceleration_share(&mut self, share: f64) {
         self.acceleration_share = share;
+    }
+
+    /// Follows motion commands with the share `share` (above 0, up to 1) of the velocity limits from now on, to which it slows down within the others: a robot whose own limits are lower for a while.
+    pub fn set_speed_share(&mut self, share: f64) {
+        self.speed_share = share;
     }
 
     /// The current point.
@@ -216,7 +222,7 @@ impl<const N: usize> Reference<N> {
         let limits = &self.limits;
         let mut requested_qd =
             if requested_qd.iter().all(|v| v.is_finite()) { *requested_qd } else { SVector::zeros() };
-        requested_qd *= shrink(&requested_qd, &limits.velocity, Limit::Velocity, acting);
+        requested_qd *= shrink(&requested_qd, &(limits.velocity * self.speed_share), Limit::Velocity, acting);
         let error = requested_qd - self.state.qd;
         if error.amax() < VELOCITY_DUST && self.state.a.amax() < ACCELERATION_DUST {
             return SVector::zeros();

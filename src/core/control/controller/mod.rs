@@ -93,6 +93,9 @@ pub struct Controller<const N: usize> {
     /// The joint torques that the drive's last state carries, N m or N.
     measured_torque: Option<SVector<f64, N>>,
     reaction: ContactReaction,
+    /// Share of the velocity limits in reduced mode, and of this tick.
+    reduced_speed_share: f64,
+    speed_share: f64,
     contact: Option<Contact>,
     back: Option<WayBack<N>>,
     rest: Rest,
@@ -119,6 +122,8 @@ impl<const N: usize> Controller<N> {
         Self {
             contact_watch: ContactWatch::new(&arm.robot, &joint_control, mode),
             reaction: settings.reaction,
+            reduced_speed_share: settings.reduced_speed_share,
+            speed_share: 1.0,
             measured_torque: None,
             contact: None,
             back: None,

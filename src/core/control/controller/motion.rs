@@ -82,6 +82,7 @@ impl<const N: usize> Controller<N> {
                 self.reference.reset_to_measured(&q, &SVector::zeros());
             }
         }
+        self.reference.set_speed_share(self.speed_share);
         self.reference.set_acceleration_share(self.joint_control.acceleration_share());
         let before = *self.reference.state();
         let after = self.reference.advance(&requested_qd, TICK);

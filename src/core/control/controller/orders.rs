@@ -8,13 +8,16 @@ use crate::control::trace::Event;
 use crate::drive::DriveState;
 use crate::motion::ExcitationMotion;
 use crate::servo::SetPoint;
-use crate::time::{MonoNs, SpanNs};
+use crate::time::{MonoNs, SpanNs, TICK};
 use nalgebra::SVector;
 
 /// Factor of the disturbance estimation rate each time that an arm oscillates. Chosen by hand: nearer to 1 an arm oscillates for more rounds before
 /// it is calm, nearer to 0 a load that was not modelled is learnt too slowly afterwards.
 /// `arm_unlike_model::an_arm_that_swings_is_calmed_and_comes_home` is the test of it.
 const REDUCED_SHARE: f64 = 0.4;
+/// How quickly the share of the velocity limits changes that reduced mode leaves, 1/s. Derived: from all of it to a quarter in 0.3 s, so that an arm has slowed down within the 0.5 s that safety systems
+/// of robots usually wait; from 3.1 rad/s that takes 8 rad/s2, less than arms have by default, so that motions on a path stay on it.
+const SPEED_SHARE_1_S: f64 = 2.5;
 
 impl<const N: usize> Controller<N> {
     /// Takes a request, which takes effect from the next step on.
@@ -70,6 +73,13 @@ impl<const N: usize> Controller<N> {
     /// Reports a fault from outside the controller. The first fault is the one that is kept.
     pub fn fail(&mut self, fault: Fault) {
         self.failure.get_or_insert(fault);
+    }
+
+    /// Whether the robot says that its own limits are reduced, at every tick: the arm slows down to its share of the velocity limits, and becomes quick again.
+    pub(in crate::control) fn reduce_speed(&mut self, is_reduced: bool) {
+        let share = if is_reduced { self.reduced_speed_share } else { 1.0 };
+        let most = SPEED_SHARE_1_S * TICK.as_s();
+        self.speed_share += (share - self.speed_share).clamp(-most, most);
     }
 
     /// The next state of the drive is an old one: supervision does not take it for a joint that stands, and begins anew where too many come in a row.

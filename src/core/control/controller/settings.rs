@@ -35,6 +35,8 @@ pub struct ControllerSettings<const N: usize> {
     pub obeys: bool,
     /// What is done about a contact.
     pub reaction: ContactReaction,
+    /// Share of the velocity limits with which the arm moves while the robot says that its own limits are reduced, above 0, up to 1.
+    pub reduced_speed_share: f64,
     /// Limits in space, where there are some.
     pub space: Option<WorkspaceSettings>,
 }
@@ -59,6 +61,7 @@ impl<const N: usize> ControllerSettings<N> {
             max_tracking_error: 0.1,
             obeys: true,
             reaction: ContactReaction::Stop,
+            reduced_speed_share: 1.0,
             space: None,
         }
     }

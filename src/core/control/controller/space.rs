@@ -20,9 +20,9 @@ pub(super) fn within<const N: usize>(
 }
 
 impl<const N: usize> Controller<N> {
-    /// The part of the requested motion that the limits in space left at the last tick, 0 to 1.
+    /// The part of the requested motion that the limits in space left at the last tick, 0 to 1, and a reduced speed leaves.
     pub(super) fn pace(&self) -> f64 {
-        self.reference.space().map_or(1.0, Workspace::pace)
+        self.reference.space().map_or(1.0, Workspace::pace) * self.speed_share
     }
 
     /// The arm is about to move from where it is: beyond a plane only by a motion that was asked for, which may lead back.

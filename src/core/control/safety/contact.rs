@@ -80,10 +80,43 @@ pub struct ContactWatch<const N: usize> {
     observer: Observer<N>,
     stopped: StoppedJointWatch<N>,
     in_a_row: u32,
-    /// When the last state was taken in; `None` where it was late.
+    /// The last tick that was taken in.
     at: Option<MonoNs>,
     is_late: bool,
     late_in_row: u32,
+    since: SinceState<N>,
+}
+
+/// What was commanded since the last new state, between which a slower drive has several ticks.
+#[derive(Debug, Clone)]
+struct SinceState<const N: usize> {
+    ticks: u32,
+    /// Sums over them, of velocities, rad/s or m/s, and of torques, N m or N.
+    qd_r: SVector<f64, N>,
+    tau: SVector<f64, N>,
+    /// Ticks from the state before the last to the last.
+    ticks_before: u32,
+}
+
+impl<const N: usize> SinceState<N> {
+    fn new() -> Self {
+        Self { ticks: 0, qd_r: SVector::zeros(), tau: SVector::zeros(), ticks_before: 0 }
+    }
+
+    fn add(&mut self, command: &DriveCommand<N>) {
+        self.ticks += 1;
+        self.qd_r += command.qd_r;
+        self.tau += command.tau;
+    }
+
+    /// The ticks, the mean velocity and the mean torque, and whether there were as many ticks as to the state before: else a state came early or late, and its time is not known to the tick.
+    fn take(&mut self) -> (u32, SVector<f64, N>, SVector<f64, N>, bool) {
+        let ticks = self.ticks.max(1);
+        let share = 1.0 / f64::from(ticks);
+        let taken = (ticks, self.qd_r * share, self.tau * share, ticks == self.ticks_before);
+        *self = Self { ticks_before: ticks, ..Self::new() };
+        taken
+    }
 }
 
 #[derive(Debug, Clone)]
@@ -147,11 +180,12 @@ impl<const N: usize> ContactWatch<N> {
             at: None,
             is_late: false,
             late_in_row: 0,
+            since: SinceState::new(),
         }
     }
 
-    /// Takes in what the last `command` did to the arm, which is in `state` at `now`; `None` where one of them is not known. A motion over more than a tick (a
-    /// deadline that was missed, a state that came late) tells no acceleration, and is left out. `measured` are the torques that the state carries, N m or N, where it carries any:
+    /// Takes in what the last `command` did to the arm, which is in `state` at `now`; `None` where one of them is not known. Behind a slower drive a state ends the ticks since the one before. A
+    /// deadline that was missed, and a state that came earlier or later than the one before it, tell no acceleration, and are left out. `measured` are the torques that the state carries, N m or N, where it carries any:
     /// they count instead of the commanded ones, because delay, limits and ripple of the motors are in them.
     pub fn note(
         &mut self,
@@ -170,7 +204,7 @@ impl<const N: usize> ContactWatch<N> {
         self.late_in_row = if was_late { self.late_in_row.saturating_add(1) } else { 0 };
         let known = did.filter(|_| self.late_in_row <= LONGEST_HELD);
         let did = did.filter(|_| !was_late);
-        let before = std::mem::replace(&mut self.at, did.map(|_| now));
+        let before = std::mem::replace(&mut self.at, known.map(|_| now));
         let has_gap = before.is_some_and(|before| now - before > TICK);
         if has_gap {
             self.forget_state();
@@ -184,28 +218,42 @@ impl<const N: usize> ContactWatch<N> {
             let q_r = (!obeys_velocities).then_some(&command.q_r);
             self.stopped.note(&state.q, joint_control.encoder_step(), (q_r, &command.qd_r));
         }
+        match known {
+            Some((_, command)) => self.since.add(command),
+            None => self.since = SinceState::new(),
+        }
         match (&mut self.observer, did) {
-            (Observer::Torque(observer), Some((state, command))) => {
+            // Between two states of a slower drive there is nothing to judge.
+            (_, None) if known.is_some() => return,
+            (observer, None) => {
+                self.stopped.restart();
+                observer.forget_state();
+            }
+            (Observer::Torque(observer), Some((state, _))) => {
+                let (ticks, _, commanded, is_regular) = self.since.take();
+                if !is_regular {
+                    observer.skip();
+                }
                 let doubt = (&joint_control.payload_doubt(), &joint_control.rotor_doubt());
-                let tau = measured.unwrap_or(&command.tau);
+                let tau = measured.unwrap_or(&commanded);
                 observer.hide(|ticks| joint_control.hidden_torque(ticks));
-                observer.note(joint_control.carrying(robot), (&state.q, &state.qd), tau, doubt);
+                observer.note(joint_control.carrying(robot), (&state.q, &state.qd), (tau, ticks), doubt);
             }
             (Observer::Lag { observer, last, by_position, torque, has_torques }, Some((state, command))) => {
+                let (ticks, qd_r, _, is_regular) = self.since.take();
                 if let Some(tau) = measured {
                     let zero = SVector::zeros();
                     *has_torques = true;
-                    torque.note(robot, (&state.q, &state.qd), tau, (&zero, &zero));
+                    if !is_regular {
+                        torque.skip();
+                    }
+                    torque.note(robot, (&state.q, &state.qd), (tau, ticks), (&zero, &zero));
                 }
                 if let Some(before) = last.replace(state.q) {
                     let lag = command.q_r - state.q;
-                    observer.note(&command.qd_r, &(state.q - before), by_position.then_some(&lag));
+                    observer.note((&qd_r, ticks), &(state.q - before), by_position.then_some(&lag));
                 }
             }
-            (observer, None) => observer.forget_state(),
-        }
-        if known.is_none() {
-            self.stopped.restart();
         }
         let touched = self.excess().max() > CERTAIN;
         self.in_a_row = if touched { self.in_a_row.saturating_add(1) } else { 0 };
@@ -293,96 +341,4 @@ fn force<const N: usize>(
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::motion::{InverseDynamicsControl, JointLaw, ObserverSettings};
-    use nalgebra::Vector6;
-
-    /// An arm that moves to and fro by 8 rad/s^2, of whose ticks twelve in a row may be missed; the most standard deviations after 1.5 s. `told`: the times say so.
-    fn felt_with_a_gap(gap: bool, told: bool) -> f64 {
-        let robot: Robot<6> = crate::robot::load("ur5").unwrap().build().unwrap();
-        let law = JointLaw::InverseDynamics(InverseDynamicsControl::new(40.0, 1.0));
-        let mut control = JointController::new(law, ObserverSettings::none());
-        let mut watch = ContactWatch::new(&robot, &control, CommandMode::Torque);
-        let home = Vector6::new(0.4, -1.4, 1.3, -1.0, -1.5, 0.3);
-        let (mut q, mut qd) = (home, Vector6::zeros());
-        let (mut most, mut ticks) = (0.0_f64, 0);
-        for k in 0..3000_i64 {
-            let qdd = Vector6::repeat(8.0 * (k as f64 * 8e-3).cos());
-            let tau = robot.inverse_dynamics(&q, &qd, &qdd);
-            (q, qd) = robot.integrate(&q, &qd, &tau, 1e-3);
-            if gap && (1500..1512).contains(&k) {
-                continue;
-            }
-            ticks += 1;
-            let now = MonoNs(if told { k } else { ticks } * 1_000_000);
-            let state = DriveState { q, qd, truth: None };
-            let command = DriveCommand { tau, q_r: q, qd_r: qd, qdd_r: SVector::zeros() };
-            watch.note(now, &robot, &mut control, Some((&state, &command)), None);
-            if k > 1500 {
-                most = most.max(watch.excess().max());
-            }
-        }
-        most
-    }
-
-    #[test]
-    fn ticks_that_were_missed_are_no_contact() {
-        let [none, told, untold] =
-            [(false, true), (true, true), (true, false)].map(|(gap, told)| felt_with_a_gap(gap, told));
-        assert!(none < 1.0 && told < 1.0, "an arm that is its model: {none} {told}");
-        assert!(untold > 3.0, "it would be felt otherwise: {untold}");
-    }
-
-    /// A joint behind a drive with a state every `period` ms, which follows its reference `lag` ms late until `stop` and then stands: when something holds it.
-    fn held_behind(mode: CommandMode, period: i64, lag: i64, stop: i64) -> Option<i64> {
-        let robot: Robot<6> = crate::robot::load("ur5").unwrap().build().unwrap();
-        let law = JointLaw::InverseDynamics(InverseDynamicsControl::new(40.0, 1.0));
-        let mut control = JointController::new(law, ObserverSettings::none());
-        let mut watch = ContactWatch::new(&robot, &control, mode);
-        let reference = |ms: i64| Vector6::repeat(-0.4 * (1.0 - (1e-3 * ms as f64 * 2.0).cos()));
-        let speed = |ms: i64| (reference(ms + 1) - reference(ms)) * 1e3;
-        (0..3000).find(|&ms| {
-            let seen = ms - ms % period;
-            let at = (seen - lag).clamp(0, stop);
-            let state = DriveState {
-                q: reference(at),
-                qd: if at < stop { speed(at) } else { SVector::zeros() },
-                truth: None,
-            };
-            if seen != ms {
-                watch.late();
-            }
-            let command = DriveCommand {
-                tau: SVector::zeros(),
-                q_r: reference(ms + 1),
-                qd_r: speed(ms),
-                qdd_r: SVector::zeros(),
-            };
-            watch.note(MonoNs(ms * 1_000_000), &robot, &mut control, Some((&state, &command)), None);
-            watch.is_touched()
-        })
-    }
-
-    #[test]
-    fn a_joint_that_is_held_behind_a_slower_drive_is_told() {
-        for (mode, lag) in [(CommandMode::Position, 34), (CommandMode::Velocity, 4)] {
-            for period in [1, 2, 4, 8] {
-                assert_eq!(held_behind(mode, period, lag, i64::MAX), None, "{mode:?} {period} ms: free");
-                let held = held_behind(mode, period, lag, 400).unwrap_or(i64::MAX);
-                assert!(held < 400 + lag + 80, "{mode:?} {period} ms: {held}");
-            }
-        }
-    }
-
-    #[test]
-    fn a_force_at_the_flange_is_found_from_the_joints_torques() {
-        let robot: Robot<6> = crate::robot::load("ur5").unwrap().build().unwrap();
-        let q = Vector6::new(0.4, -1.4, 1.3, -1.0, -1.5, 0.3);
-        for wanted in [Vector3::new(30.0, 0.0, 0.0), Vector3::new(-5.0, 12.0, 40.0)] {
-            let torque = robot.jacobian(&q).fixed_rows::<3>(0).tr_mul(&wanted);
-            let found = force(&robot, &q, &torque, &Vector6::repeat(0.5));
-            assert!((found - wanted).norm() < 0.01 * wanted.norm(), "{found} {wanted}");
-        }
-    }
-}
+mod tests;

@@ -22,7 +22,7 @@ use nalgebra::SVector;
 /// Difference between reading and expectation up to which a reading is believed beside its steps, rad or m. Chosen by hand: at 40 rad/s (1600 1/s^2) it pushes a joint by 3.2 rad/s^2
 /// for a tick, a third of the usual limit; an acceleration of 10 rad/s^2 that is not expected makes as much in 20 ms.
 const LEAP: f64 = 2e-3;
-/// Time by which a state may be off beside that, s. Derived: one that was sampled a tick of 1 ms too early or late.
+/// Time by which a state may be off beside that, s, for each tick from one to the next. Derived: one that was sampled as much too early or late.
 const OFF_S: f64 = 1e-3;
 /// Acceleration that is not in the expectation, while no reading came, rad/s^2 or m/s^2. Chosen by hand: five times the usual limit of 10 rad/s^2, twice, since both halves of
 /// `a t^2 / 2` may be against each other.
@@ -43,8 +43,10 @@ const LIGHT: f64 = 0.5;
 const STEPS: f64 = 2.0;
 /// For how long readings are replaced by what is expected, in ticks. Derived: an acceleration that is unexpected by 10 rad/s^2 makes 4.5 mrad in it, and 0.3 rad/s.
 pub(super) const LONGEST: u32 = 30;
-/// So many states in a row that come late are a gap, in which a drive that hangs may not have obeyed. Chosen by hand: a drive of 250 Hz, which is late three times in four, has none.
+/// So many old states in a row beyond those that a slower drive always has between two new ones are a gap, in which a drive that hangs may not have obeyed. Chosen by hand: networks are late by one or two.
 const LATE_IN_ROW: u32 = 4;
+/// Old states in a row that the slowest drive has, of 125 Hz: derived, a state in 8 ms.
+const SLOWEST: u32 = 7;
 /// Control that was held up for longer may begin with a state as old, and an arm that did not obey meanwhile: a gap too. Derived: as many ticks.
 const HELD_UP: SpanNs = SpanNs(TICK.0 * LATE_IN_ROW as i64);
 /// After a gap a leap for good is believed and no fault, for so many ticks. Derived: it is told after [`LONGEST`], and may begin as late as that.
@@ -84,8 +86,9 @@ pub struct EncoderWatch<const N: usize> {
     last: Option<(MonoNs, SVector<f64, N>, SVector<f64, N>)>,
     joints: [EncoderReading; N],
     is_late: bool,
-    /// States in a row that came late.
+    /// Old states in a row, and the fewest between two new ones, as slower drives have them.
     late_in_row: u32,
+    usual_in_row: u32,
     /// Ticks left in which what the drive did in a gap is not expected of it.
     after_gap: u32,
 }
@@ -115,7 +118,14 @@ impl<const N: usize> Default for EncoderWatch<N> {
             told: 0.0,
             is_distrusted: false,
         };
-        Self { last: None, joints: [reading; N], is_late: false, late_in_row: 0, after_gap: 0 }
+        Self {
+            last: None,
+            joints: [reading; N],
+            is_late: false,
+            late_in_row: 0,
+            usual_in_row: u32::MAX,
+            after_gap: 0,
+        }
     }
 }
 
@@ -131,9 +141,15 @@ impl<const N: usize> EncoderWatch<N> {
         traits: &EncoderTraits<N>,
     ) -> (DriveState<N>, Option<Fault>) {
         let is_late = std::mem::take(&mut self.is_late);
-        self.late_in_row = if is_late { self.late_in_row.saturating_add(1) } else { 0 };
-        self.after_gap =
-            if self.late_in_row >= LATE_IN_ROW { AFTER_GAP } else { self.after_gap.saturating_sub(1) };
+        let were_late = self.late_in_row;
+        self.late_in_row = if is_late { were_late.saturating_add(1) } else { 0 };
+        if !is_late && self.last.is_some() {
+            self.usual_in_row = self.usual_in_row.min(were_late);
+        }
+        // Before the first two states nothing is known of the drive.
+        let usual = if self.usual_in_row == u32::MAX { SLOWEST } else { self.usual_in_row };
+        let is_gap = self.late_in_row >= usual + LATE_IN_ROW;
+        self.after_gap = if is_gap { AFTER_GAP } else { self.after_gap.saturating_sub(1) };
         let before = self.last.replace((now, drive.q, drive.qd));
         let (Some((then, last, last_qd)), Some(expected)) = (before, expected) else {
             self.forget(now, reference);
@@ -171,7 +187,7 @@ impl<const N: usize> EncoderWatch<N> {
                 let unheard = (now - joint.changed).as_s();
                 joint.changed = now;
                 (joint.reference, joint.told) = (reference[i], 0.0);
-                off > LEAP + OFF_S * qd.abs() + UNEXPECTED * unheard * unheard
+                off > LEAP + OFF_S * f64::from(1 + usual) * qd.abs() + UNEXPECTED * unheard * unheard
             };
             if !wrong && !joint.is_distrusted {
                 joint.unexplained = 0;
@@ -181,7 +197,8 @@ impl<const N: usize> EncoderWatch<N> {
             if joint.is_distrusted || is_late {
                 continue;
             }
-            joint.unexplained += 1;
+            // The ticks since the last new state.
+            joint.unexplained += 1 + were_late;
             if joint.unexplained > LONGEST {
                 joint.unexplained = 0;
                 joint.is_distrusted = is_still;

@@ -30,7 +30,7 @@ fn ran(payload_kg: f64, joint: usize, torque: f64, seed: u64) -> (f64, Option<us
             acting[joint] += torque;
         }
         (q, qd) = plant.integrate(&q, &qd, &acting, 1e-3);
-        observer.note(&model, (&q, &qd), &tau, (&Vector6::zeros(), &Vector6::zeros()));
+        observer.note(&model, (&q, &qd), (&tau, 1), (&Vector6::zeros(), &Vector6::zeros()));
         let excess = observer.excess().max();
         if k < 1500 {
             before = before.max(excess);

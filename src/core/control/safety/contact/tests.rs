@@ -1,0 +1,191 @@
+//! The watch over arms that are integrated here, and over drives of several rates.
+
+use super::*;
+use crate::motion::{InverseDynamicsControl, JointLaw, ObserverSettings};
+use nalgebra::Vector6;
+
+/// An arm that moves to and fro by 8 rad/s^2, of whose ticks twelve in a row may be missed; the most standard deviations after 1.5 s. `told`: the times say so.
+fn felt_with_a_gap(gap: bool, told: bool) -> f64 {
+    let robot: Robot<6> = crate::robot::load("ur5").unwrap().build().unwrap();
+    let law = JointLaw::InverseDynamics(InverseDynamicsControl::new(40.0, 1.0));
+    let mut control = JointController::new(law, ObserverSettings::none());
+    let mut watch = ContactWatch::new(&robot, &control, CommandMode::Torque);
+    let home = Vector6::new(0.4, -1.4, 1.3, -1.0, -1.5, 0.3);
+    let (mut q, mut qd) = (home, Vector6::zeros());
+    let (mut most, mut ticks) = (0.0_f64, 0);
+    for k in 0..3000_i64 {
+        let qdd = Vector6::repeat(8.0 * (k as f64 * 8e-3).cos());
+        let tau = robot.inverse_dynamics(&q, &qd, &qdd);
+        (q, qd) = robot.integrate(&q, &qd, &tau, 1e-3);
+        if gap && (1500..1512).contains(&k) {
+            continue;
+        }
+        ticks += 1;
+        let now = MonoNs(if told { k } else { ticks } * 1_000_000);
+        let state = DriveState { q, qd, truth: None };
+        let command = DriveCommand { tau, q_r: q, qd_r: qd, qdd_r: SVector::zeros() };
+        watch.note(now, &robot, &mut control, Some((&state, &command)), None);
+        if k > 1500 {
+            most = most.max(watch.excess().max());
+        }
+    }
+    most
+}
+
+#[test]
+fn ticks_that_were_missed_are_no_contact() {
+    let [none, told, untold] =
+        [(false, true), (true, true), (true, false)].map(|(gap, told)| felt_with_a_gap(gap, told));
+    assert!(none < 1.0 && told < 1.0, "an arm that is its model: {none} {told}");
+    assert!(untold > 3.0, "it would be felt otherwise: {untold}");
+}
+
+/// A joint behind a drive with a state every `period` ms, which follows its reference `lag` ms late until `stop` and then stands: when something holds it.
+fn held_behind(mode: CommandMode, period: i64, lag: i64, stop: i64) -> Option<i64> {
+    let robot: Robot<6> = crate::robot::load("ur5").unwrap().build().unwrap();
+    let law = JointLaw::InverseDynamics(InverseDynamicsControl::new(40.0, 1.0));
+    let mut control = JointController::new(law, ObserverSettings::none());
+    let mut watch = ContactWatch::new(&robot, &control, mode);
+    let reference = |ms: i64| Vector6::repeat(-0.4 * (1.0 - (1e-3 * ms as f64 * 2.0).cos()));
+    let speed = |ms: i64| (reference(ms + 1) - reference(ms)) * 1e3;
+    (0..3000).find(|&ms| {
+        let seen = ms - ms % period;
+        let at = (seen - lag).clamp(0, stop);
+        let state = DriveState {
+            q: reference(at),
+            qd: if at < stop { speed(at) } else { SVector::zeros() },
+            truth: None,
+        };
+        if seen != ms {
+            watch.late();
+        }
+        let command = DriveCommand {
+            tau: SVector::zeros(),
+            q_r: reference(ms + 1),
+            qd_r: speed(ms),
+            qdd_r: SVector::zeros(),
+        };
+        watch.note(MonoNs(ms * 1_000_000), &robot, &mut control, Some((&state, &command)), None);
+        watch.is_touched()
+    })
+}
+
+#[test]
+fn a_joint_that_is_held_behind_a_slower_drive_is_told() {
+    for (mode, lag) in [(CommandMode::Position, 34), (CommandMode::Velocity, 4)] {
+        for period in [1, 2, 4, 8] {
+            assert_eq!(held_behind(mode, period, lag, i64::MAX), None, "{mode:?} {period} ms: free");
+            let held = held_behind(mode, period, lag, 400).unwrap_or(i64::MAX);
+            assert!(held < 400 + lag + 80, "{mode:?} {period} ms: {held}");
+        }
+    }
+}
+
+#[test]
+fn a_force_at_the_flange_is_found_from_the_joints_torques() {
+    let robot: Robot<6> = crate::robot::load("ur5").unwrap().build().unwrap();
+    let q = Vector6::new(0.4, -1.4, 1.3, -1.0, -1.5, 0.3);
+    for wanted in [Vector3::new(30.0, 0.0, 0.0), Vector3::new(-5.0, 12.0, 40.0)] {
+        let torque = robot.jacobian(&q).fixed_rows::<3>(0).tr_mul(&wanted);
+        let found = force(&robot, &q, &torque, &Vector6::repeat(0.5));
+        assert!((found - wanted).norm() < 0.01 * wanted.norm(), "{found} {wanted}");
+    }
+}
+
+/// A UR5 that obeys torques and tells its state every `period` ms, or a ms late or early by `jitter`, with 15 N m from outside on a joint from 1.5 s on; the most standard deviations before, and after how many ms it
+/// is touched.
+fn touched_behind(period: i64, jitter: bool) -> (f64, Option<i64>) {
+    let robot: Robot<6> = crate::robot::load("ur5").unwrap().build().unwrap();
+    let plant = robot.clone().with_payload(2.0, &Vector3::new(0.02, 0.01, 0.05));
+    let law = JointLaw::InverseDynamics(InverseDynamicsControl::new(40.0, 1.0));
+    let mut control = JointController::new(law, ObserverSettings::none());
+    let mut watch = ContactWatch::new(&robot, &control, CommandMode::Torque);
+    let home = Vector6::new(0.4, -1.4, 1.3, -1.0, -1.5, 0.3);
+    let (mut q, mut qd) = (home, Vector6::repeat(0.4));
+    let mut told = DriveState { q, qd, truth: None };
+    let mut random = crate::linalg::Random::new(5);
+    let (mut next, mut most) = (0, 0.0_f64);
+    for ms in 0..3000_i64 {
+        if ms >= next {
+            told = DriveState { q, qd, truth: None };
+            let off = if jitter { random.between(-1.0, 2.0).floor() as i64 } else { 0 };
+            next = ms + (period + off).max(1);
+        } else {
+            watch.late();
+        }
+        // As a controller does that has old states between new ones: by the newest.
+        let phase = 2e-3 * ms as f64;
+        let wanted = home.map(|q| q + 0.2 * phase.sin());
+        let u = (wanted - told.q) * 100.0 + (Vector6::repeat(0.4 * phase.cos()) - told.qd) * 20.0;
+        let tau = robot.inverse_dynamics(&told.q, &told.qd, &u);
+        let command = DriveCommand { tau, q_r: wanted, qd_r: told.qd, qdd_r: u };
+        if ms > 0 {
+            watch.note(MonoNs(ms * 1_000_000), &robot, &mut control, Some((&told, &command)), None);
+        }
+        if watch.is_touched() {
+            return (most, Some(ms));
+        }
+        if ms < 1500 {
+            most = most.max(watch.excess().max());
+        }
+        let mut acting = tau;
+        acting[2] += if ms >= 1500 { 15.0 } else { 0.0 };
+        (q, qd) = plant.integrate(&q, &qd, &acting, 1e-3);
+    }
+    (most, None)
+}
+
+#[test]
+fn torques_tell_a_touch_behind_slower_drives() {
+    for (period, within) in [(1, 60), (2, 60), (4, 80), (8, 120)] {
+        let (before, at) = touched_behind(period, false);
+        assert!(before < 6.0, "{period} ms: {before}");
+        let at = at.unwrap_or(i64::MAX);
+        assert!((1500..1500 + within).contains(&at), "{period} ms: {at}");
+        // States that come early and late are fewer that tell something, and no touch.
+        let (before, at) = touched_behind(period, true);
+        assert!(before < 6.0, "{period} ms, jitter: {before}");
+        assert!(at.is_none_or(|at| at >= 1500), "{period} ms, jitter: {at:?}");
+    }
+}
+
+/// A joint behind a drive that closes its own loop, which goes on at a tenth of what is commanded from 1 s on, as it does that pushes something away.
+fn slowed_behind(mode: CommandMode, period: i64, lag: i64, slows: bool) -> Option<i64> {
+    let robot: Robot<6> = crate::robot::load("ur5").unwrap().build().unwrap();
+    let law = JointLaw::InverseDynamics(InverseDynamicsControl::new(40.0, 1.0));
+    let mut control = JointController::new(law, ObserverSettings::none());
+    let mut watch = ContactWatch::new(&robot, &control, mode);
+    let reference = |ms: i64| -0.4 * (1.0 - (2e-3 * ms as f64).cos());
+    let place = |ms: i64| match ms {
+        ms if ms < 1000 || !slows => reference(ms),
+        ms => reference(1000) + 0.1 * (reference(ms) - reference(1000)),
+    };
+    (0..3000).find(|&ms| {
+        let at = (ms - ms % period - lag).max(0);
+        let speed = |ms: i64, place: &dyn Fn(i64) -> f64| Vector6::repeat((place(ms + 1) - place(ms)) * 1e3);
+        let state = DriveState { q: Vector6::repeat(place(at)), qd: speed(at, &place), truth: None };
+        if ms % period != 0 {
+            watch.late();
+        }
+        let command = DriveCommand {
+            tau: SVector::zeros(),
+            q_r: Vector6::repeat(reference(ms + 1)),
+            qd_r: speed(ms, &reference),
+            qdd_r: SVector::zeros(),
+        };
+        watch.note(MonoNs(ms * 1_000_000), &robot, &mut control, Some((&state, &command)), None);
+        watch.is_touched()
+    })
+}
+
+#[test]
+fn lags_tell_a_contact_behind_slower_drives() {
+    for (mode, lag) in [(CommandMode::Position, 34), (CommandMode::Velocity, 4)] {
+        for period in [1, 2, 4, 8] {
+            assert_eq!(slowed_behind(mode, period, lag, false), None, "{mode:?} {period} ms: free");
+            let at = slowed_behind(mode, period, lag, true).unwrap_or(i64::MAX);
+            // 0.7 rad/s: 20 mrad after 30 ms, and what its noise is taken for.
+            assert!((1000..1000 + lag + 100).contains(&at), "{mode:?} {period} ms: {at}");
+        }
+    }
+}
