@@ -8,11 +8,8 @@
 
 mod common;
 
-use common::{Q, address, clock, started, wait_until};
-use std::io::{BufRead, BufReader};
-use std::net::IpAddr;
-use std::process::{Child, Command as Process, Stdio};
-use std::sync::mpsc::{Receiver, channel};
+use common::mock::{PATIENCE, mock};
+use common::{Q, clock, started, wait_until};
 use std::time::Duration;
 use vservo_franka::arm::{ArmState, Recovered};
 use vservo_franka::client::FciClient;
@@ -20,117 +17,7 @@ use vservo_franka::robot::{Controller, Generator};
 use vservo_franka::wire::{
     CollisionBehavior, Load, MoveController, MoveGenerator, MoveStatus, Request, RobotCommand, RobotState,
 };
-use vservo_franka::{Arm, ArmSettings, Command, CommandKind, FrankaError, JointLimits, Joints, RobotMode};
-
-/// Longest that anything is waited for: a machine may be busy.
-const PATIENCE: Duration = Duration::from_secs(20);
-
-/// The maker's server, and what it says. Ends with the test.
-struct Mock {
-    process: Child,
-    address: IpAddr,
-    lines: Receiver<String>,
-}
-
-impl Drop for Mock {
-    fn drop(&mut self) {
-        let _ = self.process.kill();
-        let _ = self.process.wait();
-    }
-}
-
-/// The server with a script; none where it was not built.
-fn mock(script: &[&str]) -> Option<Mock> {
-    let Some(program) = std::env::var_os("VSERVO_FRANKA_MOCK") else {
-        println!("skipped: no VSERVO_FRANKA_MOCK (contrib/crosswise/franka_mock.sh builds it)");
-        return None;
-    };
-    let address = address();
-    let mut process =
-        Process::new(program).arg(address.to_string()).args(script).stdout(Stdio::piped()).spawn().unwrap();
-    let output = BufReader::new(process.stdout.take().unwrap());
-    let (to, lines) = channel();
-    let thread = std::thread::Builder::new().name("mock-output".into());
-    drop(thread.spawn(move || output.lines().map_while(Result::ok).try_for_each(|line| to.send(line))).unwrap());
-    let mock = Mock { process, address, lines };
-    assert_eq!(mock.lines.recv_timeout(PATIENCE).unwrap(), "listening");
-    Some(mock)
-}
-
-impl Mock {
-    fn settings(&self) -> ArmSettings {
-        let mut settings = ArmSettings::new(self.address, clock);
-        (settings.patience, settings.silence) = (PATIENCE, PATIENCE);
-        settings
-    }
-
-    fn client(&self) -> FciClient {
-        FciClient::connect(self.address, PATIENCE, clock).unwrap()
-    }
-
-    /// What it has said, when its client is gone. The server itself looks then whether anything is left that it was sent, and says so.
-    fn end(mut self) -> Log {
-        let mut status = None;
-        wait_until("the end of the maker's server", || {
-            status = self.process.try_wait().unwrap();
-            status.is_some()
-        });
-        let log = Log(self.lines.iter().collect());
-        assert!(status.unwrap().success(), "{:?}", log.others());
-        assert_eq!(log.0.last().unwrap(), "the maker's server is content");
-        log
-    }
-}
-
-/// What the server has taken.
-struct Log(Vec<String>);
-
-impl Log {
-    /// Everything but commands.
-    fn others(&self) -> Vec<&str> {
-        self.0.iter().map(String::as_str).filter(|line| !line.starts_with("command ")).collect()
-    }
-
-    /// Commands as they came, and whether all that our driver never sets was zero.
-    fn commands(&self) -> Vec<RobotCommand> {
-        let lines = self.0.iter().filter_map(|line| line.strip_prefix("command "));
-        let read = |line: &str| {
-            let (number, rest) = line.split_once(' ').unwrap();
-            let mut words = rest.split(' ');
-            let values: Vec<f64> = words.by_ref().take(45).map(number_of).collect();
-            let flags: Vec<_> = words.collect();
-            let joints = |from: usize| -> Joints { values[from..from + 7].try_into().unwrap() };
-            assert!(values[14..38].iter().all(|v| v.to_bits() == 0) && flags[0] == "0", "Cartesian: {line}");
-            RobotCommand {
-                message_id: number.parse().unwrap(),
-                q_c: joints(0),
-                dq_c: joints(7),
-                motion_finished: flags[1] == "1",
-                tau_c: joints(38),
-                torque_finished: flags[2] == "1",
-            }
-        };
-        lines.map(read).collect()
-    }
-
-    /// The numbers of a request, where there was one of this name.
-    fn told(&self, name: &str) -> Vec<Vec<f64>> {
-        let of = |line: &&str| line.split(' ').next() == Some(name);
-        let numbers = |line: &str| line.split(' ').skip(1).filter(|word| word.len() == 16).map(number_of).collect();
-        self.others().into_iter().filter(of).map(numbers).collect()
-    }
-
-    /// A number of the last line.
-    fn at_the_end(&self, name: &str) -> f64 {
-        let line = self.0.iter().find(|line| line.starts_with("over ")).expect("the end of the script");
-        let mut words = line.split(' ').skip_while(|word| *word != name).skip(1);
-        words.next().unwrap().parse().unwrap()
-    }
-}
-
-fn number_of(word: &str) -> f64 {
-    f64::from_bits(u64::from_str_radix(word, 16).unwrap())
-}
+use vservo_franka::{Arm, Command, CommandKind, FrankaError, JointLimits, Joints, RobotMode};
 
 fn number(state: &ArmState) -> u64 {
     (state.robot_s * 1e3).round() as u64
@@ -153,6 +40,15 @@ fn drive(
         assert!(clock() < until, "no state, and no error");
     }
     Ok(())
+}
+
+/// Brakes the arm however long that takes here, and ends the motion.
+fn rest(arm: &mut Arm) {
+    wait_until("rest", || {
+        drive(arm, 20, |_| Command::Hold, |_| ()).unwrap();
+        arm.last().unwrap().rests()
+    });
+    arm.come_to_rest().unwrap();
 }
 
 /// Turns the first joint, and the fourth the other way.
@@ -248,7 +144,8 @@ fn commands_come_to_the_makers_server_bit_for_bit() {
     let mut client = server.client();
     client.model().unwrap();
     state_in(&mut client, false);
-    let motion = Request::Move { controller: MoveController::JointImpedance, generator: MoveGenerator::JointPosition };
+    let motion =
+        Request::Move { controller: MoveController::JointImpedance, generator: MoveGenerator::JointPosition };
     let motion = client.send(&motion).unwrap();
     let mut seed = 0x9e37_79b9_7f4a_7c15_u64;
     let mut sent = Vec::new();
@@ -304,7 +201,7 @@ fn the_driver_moves_the_arm_that_the_maker_plays() {
         let far = Command::Position { q: far, qd: [0.0; 7], at: 0 };
         let mut states: Vec<ArmState> = vec![*arm.last().unwrap()];
         drive(&mut arm, 1500, |k| command.map_or(far, |c| c(k)), |state| states.push(*state)).unwrap();
-        arm.come_to_rest().unwrap();
+        rest(&mut arm);
         let end = *arm.last().unwrap();
         assert!(end.rests(), "{end:?}");
         assert_eq!(arm.missed().0, gaps, "{kind:?}: states in a motion that were missed");
@@ -329,7 +226,8 @@ fn the_driver_moves_the_arm_that_the_maker_plays() {
         for (c, state) in commands.iter().zip(states.iter().skip(1)) {
             assert_eq!(number(state), c.message_id + 1);
             for i in 0..7 {
-                expected[i] = if kind == CommandKind::Position { c.q_c[i] } else { expected[i] + 1e-3 * c.dq_c[i] };
+                expected[i] =
+                    if kind == CommandKind::Position { c.q_c[i] } else { expected[i] + 1e-3 * c.dq_c[i] };
             }
             if kind != CommandKind::Torque {
                 assert_eq!(state.q, expected.map(|q| f64::from(q as f32)), "{kind:?} {}", c.message_id);
@@ -342,7 +240,10 @@ fn the_driver_moves_the_arm_that_the_maker_plays() {
             CommandKind::Torque => [0.0, 0.0, 0.6, 0.0, 0.0, 0.0, -0.6],
         };
         let beyond = ["beyond_position", "beyond_velocity", "beyond_torque"].map(|name| log.at_the_end(name));
-        println!("{kind:?}: {} commands, moved by {moved:.3?}, beyond the maker's limiter {beyond:?}", commands.len());
+        println!(
+            "{kind:?}: {} commands, moved by {moved:.3?}, beyond the maker's limiter {beyond:?}",
+            commands.len()
+        );
         assert!(moved.iter().zip(&way).all(|(a, b)| (a - b).abs() < 0.1), "{kind:?}: {moved:?}");
         assert!(beyond.iter().all(|b| *b < 1e-9), "{kind:?}: {beyond:?}");
         let requests = log.others();
@@ -350,4 +251,209 @@ fn the_driver_moves_the_arm_that_the_maker_plays() {
         assert_eq!(requests[2], "ended 0");
         assert_eq!(log.told("move")[0], [10.0, 3.12, std::f64::consts::TAU].repeat(2));
     }
+}
+
+/// Driven as fast as it goes, and to the ends of its joints: the maker's limiter keeps 1 mrad/s off the robot's velocities, the driver a ten-thousandth.
+#[test]
+fn the_fastest_motion_is_within_the_makers_limits() {
+    for wish in [9.0, -9.0] {
+        let Some(server) = mock(&[]) else { return };
+        let mut arm = started(server.settings(), CommandKind::Velocity).unwrap();
+        drive(&mut arm, 3000, |_| Command::Velocity([wish; 7]), |_| ()).unwrap();
+        rest(&mut arm);
+        drop(arm);
+        let log = server.end();
+        let fastest = log.commands().iter().flat_map(|c| c.dq_c).fold(0.0_f64, |m, v| m.max(v.abs()));
+        let beyond = log.at_the_end("beyond_velocity");
+        println!("up to {fastest:.4} rad/s, {beyond:.2e} rad/s beyond the maker's limiter");
+        assert!(fastest > 2.0 && beyond < 1e-3, "{fastest} {beyond}");
+    }
+}
+
+/// Every millisecond a state, whatever the driver does: what is answered too late is lost, and the robot goes on by itself.
+#[test]
+fn the_driver_keeps_up_with_a_thousand_states_a_second() {
+    let Some(server) = mock(&["--paced"]) else { return };
+    let mut arm = started(server.settings(), CommandKind::Position).unwrap();
+    let (first, begin) = (*arm.last().unwrap(), clock());
+    let mut far = Q;
+    far[1] += 0.3;
+    drive(&mut arm, 2000, |_| Command::Position { q: far, qd: [0.0; 7], at: 0 }, |_| ()).unwrap();
+    let (end, took) = (*arm.last().unwrap(), (clock() - begin) as f64 * 1e-9);
+    assert!((end.q[1] - far[1]).abs() < 1e-3, "{}", end.q[1]);
+    rest(&mut arm);
+    let missed = arm.missed();
+    drop(arm);
+    let log = server.end();
+    println!(
+        "{:.3} s of the robot in {took:.3} s: {} commands in time, {} too late, {missed:?} missed (with those before it began) and longest delay, ns",
+        end.robot_s - first.robot_s,
+        log.at_the_end("commands"),
+        log.at_the_end("unused")
+    );
+    assert!(log.others().contains(&"ended 0"));
+}
+
+#[test]
+fn what_is_set_comes_to_the_makers_server_as_it_was() {
+    let Some(server) = mock(&[]) else { return };
+    let mut settings = server.settings();
+    let torques = |first: f64| std::array::from_fn(|i| first + i as f64 / 3.0);
+    let forces = |first: f64| std::array::from_fn(|i| first + i as f64 / 7.0);
+    let collision = CollisionBehavior {
+        lower_torques_acceleration: torques(10.0),
+        upper_torques_acceleration: torques(20.0),
+        lower_torques_nominal: torques(30.0),
+        upper_torques_nominal: torques(40.0),
+        lower_forces_acceleration: forces(50.0),
+        upper_forces_acceleration: forces(60.0),
+        lower_forces_nominal: forces(70.0),
+        upper_forces_nominal: forces(80.0),
+    };
+    let load = Load {
+        mass_kg: 0.7,
+        com_F: [0.01, -0.02, 0.05],
+        inertia_kg_m2: std::array::from_fn(|i| i as f64 / 9e3),
+    };
+    (settings.collision, settings.load, settings.stiffness) =
+        (Some(collision), Some(load), Some(torques(2000.0)));
+    let mut arm = started(settings, CommandKind::Velocity).unwrap();
+    rest(&mut arm);
+    arm.set_load(Some(Load { mass_kg: 0.9, ..load }));
+    arm.start(CommandKind::Torque).unwrap();
+    rest(&mut arm);
+    drop(arm);
+    let log = server.end();
+    let all: Vec<f64> = (1..5)
+        .flat_map(|k| torques(10.0 * f64::from(k)))
+        .chain((5..9).flat_map(|k| forces(10.0 * f64::from(k))))
+        .collect();
+    assert_eq!(log.told("collision"), [all.clone(), all]);
+    let told = |mass: f64| [&[mass][..], &load.com_F, &load.inertia_kg_m2].concat();
+    assert_eq!(log.told("load"), [told(0.7), told(0.9)]);
+    assert_eq!(log.told("stiffness"), [torques(2000.0), torques(2000.0)]);
+}
+
+#[test]
+fn a_request_that_the_robot_refuses_is_told_in_words() {
+    for (answer, expected) in [
+        ("collision=3", "refuses its collision thresholds: a safety function is active"),
+        ("load=2", "refuses its load: the values are out of their range"),
+        ("stiffness=1", "refuses the stiffness of its joints: it is in no mode"),
+        ("move=4", "the motion did not begin: a safety function is active"),
+        ("move=5", "the motion did not begin: the robot is in no mode"),
+        ("move=6", "cannot begin at a singular posture"),
+        ("move=7", "an argument is out of its range"),
+    ] {
+        let Some(server) = mock(&["--answer", answer]) else { return };
+        let mut settings = server.settings();
+        settings.collision = Some(CollisionBehavior::uniform(20.0, 30.0));
+        settings.load = Some(Load { mass_kg: 0.1, com_F: [0.0; 3], inertia_kg_m2: [0.0; 9] });
+        settings.stiffness = Some([3000.0; 7]);
+        let error = started(settings, CommandKind::Position).map(drop).expect_err(answer);
+        assert!(error.to_string().contains(expected), "{answer}: {error}");
+        let log = server.end();
+        assert!(log.commands().is_empty(), "{answer}: nothing is commanded");
+    }
+}
+
+/// In motion, until the robot ends it.
+fn ended(arm: &mut Arm) -> FrankaError {
+    let error = drive(arm, 5000, swing, |_| ()).expect_err("the robot ends the motion");
+    assert!(error.is_of_the_robot(), "{error}");
+    arm.halt();
+    error
+}
+
+/// Takes states and recovers with them until the robot is ready, or refuses.
+fn recover(arm: &mut Arm) -> Result<(), FrankaError> {
+    let until = clock() + 3 * PATIENCE.as_nanos() as i64;
+    loop {
+        if arm.next(Duration::from_millis(20))?.is_some() && arm.recover(true)? == Recovered::Ready {
+            return Ok(());
+        }
+        assert!(clock() < until, "never ready, and no error");
+    }
+}
+
+/// Whichever comes first, the states in which the robot has stopped, or the reply that ends the motion: the words are the same, and the arm comes back when that is asked for.
+#[test]
+fn a_stop_is_told_and_recovered_whichever_word_of_it_is_first() {
+    for (end, expected) in [
+        ("8@300", "stopped by a reflex while the arm moved (joint_reflex)"),
+        ("9@300", "the user stop is pressed while the arm moved: release the button"),
+        ("11@300", "the motion was ended: the robot has ended it, or somebody in Desk"),
+    ] {
+        for state_first in [true, false] {
+            let script: &[&str] = &["--end", end, "--state-first"];
+            let Some(server) = mock(&script[..2 + usize::from(state_first)]) else { return };
+            let mut arm = started(server.settings(), CommandKind::Velocity).unwrap();
+            let words = ended(&mut arm).to_string();
+            println!("{end}, state first {state_first}: {words}");
+            assert!(words.contains(expected), "{end}, {state_first}: {words}");
+            recover(&mut arm).unwrap();
+            let q = arm.last().unwrap().q[0];
+            drive(&mut arm, 500, swing, |_| ()).unwrap();
+            rest(&mut arm);
+            assert!(arm.last().unwrap().q[0] > q + 0.1, "it obeys again");
+            drop(arm);
+            let log = server.end();
+            let begun = log.others().iter().filter(|line| line.starts_with("move ")).count();
+            let cleared = log.others().iter().filter(|line| **line == "recovery").count();
+            assert_eq!((begun, cleared), (2, usize::from(end.starts_with('8'))));
+        }
+    }
+}
+
+#[test]
+fn a_recovery_that_the_robot_refuses_is_told_in_words() {
+    for (answer, expected) in [
+        ("recovery=1", "there is none that can be cleared in its mode"),
+        ("recovery=2", "a safety function is active"),
+        ("recovery=3", "somebody has to see to it in Desk"),
+        ("recovery=5", "the user stop is pressed"),
+    ] {
+        let Some(server) = mock(&["--end", "8@100", "--state-first", "--answer", answer]) else { return };
+        let mut arm = started(server.settings(), CommandKind::Torque).unwrap();
+        ended(&mut arm);
+        let words = recover(&mut arm).expect_err("it refuses").to_string();
+        assert!(words.contains(expected), "{answer}: {words}");
+        drop(arm);
+        server.end();
+    }
+}
+
+#[test]
+fn a_driver_that_gives_up_stops_the_motion_at_the_makers_server() {
+    for kind in [CommandKind::Position, CommandKind::Velocity, CommandKind::Torque] {
+        let Some(server) = mock(&[]) else { return };
+        let mut arm = started(server.settings(), kind).unwrap();
+        drive(&mut arm, 300, swing, |_| ()).unwrap();
+        arm.abandon();
+        drop(arm);
+        let log = server.end();
+        assert_eq!(log.others()[2..4], ["stop", "ended 2"], "{kind:?}");
+    }
+}
+
+/// A server that closes, and a driver that falls silent, for longer than the robot waits.
+#[test]
+fn a_lost_driver_or_server_ends_in_words() {
+    let Some(server) = mock(&["--close", "300"]) else { return };
+    let mut arm = started(server.settings(), CommandKind::Velocity).unwrap();
+    let words = drive(&mut arm, 5000, swing, |_| ()).expect_err("it closes").to_string();
+    assert!(words.contains("has closed the connection"), "{words}");
+    drop(arm);
+    server.end();
+    let Some(server) = mock(&["--wait-ms", "1000"]) else { return };
+    let mut arm = started(server.settings(), CommandKind::Velocity).unwrap();
+    drive(&mut arm, 300, swing, |_| ()).unwrap();
+    let mut words = String::new();
+    wait_until("the robot's stop", || {
+        words = arm.next(Duration::from_millis(20)).err().map(|error| error.to_string()).unwrap_or_default();
+        !words.is_empty()
+    });
+    assert!(words.contains("communication_constraints_violation"), "{words}");
+    drop(arm);
+    server.end();
 }
