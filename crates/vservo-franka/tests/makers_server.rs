@@ -8,53 +8,19 @@
 
 mod common;
 
-use common::mock::{PATIENCE, mock};
+use common::mock::{PATIENCE, drive, mock, rest, swing};
 use common::{Q, clock, started, wait_until};
 use std::time::Duration;
-use vservo_franka::arm::{ArmState, Recovered};
+use vservo_franka::arm::ArmState;
 use vservo_franka::client::FciClient;
 use vservo_franka::robot::{Controller, Generator};
 use vservo_franka::wire::{
     CollisionBehavior, Load, MoveController, MoveGenerator, MoveStatus, Request, RobotCommand, RobotState,
 };
-use vservo_franka::{Arm, Command, CommandKind, FrankaError, JointLimits, Joints, RobotMode};
+use vservo_franka::{Arm, Command, CommandKind, JointLimits, Joints, RobotMode};
 
 fn number(state: &ArmState) -> u64 {
     (state.robot_s * 1e3).round() as u64
-}
-
-/// Answers so many states by commands, by their number.
-fn drive(
-    arm: &mut Arm,
-    states: u64,
-    command: impl Fn(u64) -> Command,
-    mut each: impl FnMut(&ArmState),
-) -> Result<(), FrankaError> {
-    let (mut count, until) = (0, clock() + 3 * PATIENCE.as_nanos() as i64);
-    while count < states {
-        if let Some(state) = arm.next(Duration::from_millis(20))? {
-            each(&state);
-            arm.command(command(count))?;
-            count += 1;
-        }
-        assert!(clock() < until, "no state, and no error");
-    }
-    Ok(())
-}
-
-/// Brakes the arm however long that takes here, and ends the motion.
-fn rest(arm: &mut Arm) {
-    wait_until("rest", || {
-        drive(arm, 20, |_| Command::Hold, |_| ()).unwrap();
-        arm.last().unwrap().rests()
-    });
-    arm.come_to_rest().unwrap();
-}
-
-/// Turns the first joint, and the fourth the other way.
-fn swing(count: u64) -> Command {
-    let rise = 1.0 - (-(count as f64) / 100.0).exp();
-    Command::Velocity([0.4 * rise, 0.0, 0.0, -0.2 * rise, 0.0, 0.0, 0.0])
 }
 
 fn push(count: u64) -> Command {
@@ -225,10 +191,10 @@ fn the_driver_moves_the_arm_that_the_maker_plays() {
         let mut expected = Q;
         for (c, state) in commands.iter().zip(states.iter().skip(1)) {
             assert_eq!(number(state), c.message_id + 1);
-            for i in 0..7 {
-                expected[i] =
-                    if kind == CommandKind::Position { c.q_c[i] } else { expected[i] + 1e-3 * c.dq_c[i] };
-            }
+            expected = match kind {
+                CommandKind::Position => c.q_c,
+                _ => std::array::from_fn(|i| expected[i] + 1e-3 * c.dq_c[i]),
+            };
             if kind != CommandKind::Torque {
                 assert_eq!(state.q, expected.map(|q| f64::from(q as f32)), "{kind:?} {}", c.message_id);
             }
@@ -253,7 +219,7 @@ fn the_driver_moves_the_arm_that_the_maker_plays() {
     }
 }
 
-/// Driven as fast as it goes, and to the ends of its joints: the maker's limiter keeps 1 mrad/s off the robot's velocities, the driver a ten-thousandth.
+/// Driven as fast as it goes, and to the ends of its joints. The maker's limiter stays 1 mrad/s off the limits of velocity, and goes half of the way there in a cycle; the driver stays a ten-thousandth off.
 #[test]
 fn the_fastest_motion_is_within_the_makers_limits() {
     for wish in [9.0, -9.0] {
@@ -266,7 +232,7 @@ fn the_fastest_motion_is_within_the_makers_limits() {
         let fastest = log.commands().iter().flat_map(|c| c.dq_c).fold(0.0_f64, |m, v| m.max(v.abs()));
         let beyond = log.at_the_end("beyond_velocity");
         println!("up to {fastest:.4} rad/s, {beyond:.2e} rad/s beyond the maker's limiter");
-        assert!(fastest > 2.0 && beyond < 1e-3, "{fastest} {beyond}");
+        assert!(fastest > 2.0 && beyond < 0.6e-3, "{fastest} {beyond}");
     }
 }
 
@@ -275,18 +241,18 @@ fn the_fastest_motion_is_within_the_makers_limits() {
 fn the_driver_keeps_up_with_a_thousand_states_a_second() {
     let Some(server) = mock(&["--paced"]) else { return };
     let mut arm = started(server.settings(), CommandKind::Position).unwrap();
-    let (first, begin) = (*arm.last().unwrap(), clock());
+    let (first, begin, before) = (*arm.last().unwrap(), clock(), arm.missed().0);
     let mut far = Q;
     far[1] += 0.3;
     drive(&mut arm, 2000, |_| Command::Position { q: far, qd: [0.0; 7], at: 0 }, |_| ()).unwrap();
     let (end, took) = (*arm.last().unwrap(), (clock() - begin) as f64 * 1e-9);
     assert!((end.q[1] - far[1]).abs() < 1e-3, "{}", end.q[1]);
     rest(&mut arm);
-    let missed = arm.missed();
+    let missed = arm.missed().0 - before;
     drop(arm);
     let log = server.end();
     println!(
-        "{:.3} s of the robot in {took:.3} s: {} commands in time, {} too late, {missed:?} missed (with those before it began) and longest delay, ns",
+        "{:.3} s of the robot in {took:.3} s: {} commands in time, {} too late, {missed} states missed",
         end.robot_s - first.robot_s,
         log.at_the_end("commands"),
         log.at_the_end("unused")
@@ -332,128 +298,4 @@ fn what_is_set_comes_to_the_makers_server_as_it_was() {
     let told = |mass: f64| [&[mass][..], &load.com_F, &load.inertia_kg_m2].concat();
     assert_eq!(log.told("load"), [told(0.7), told(0.9)]);
     assert_eq!(log.told("stiffness"), [torques(2000.0), torques(2000.0)]);
-}
-
-#[test]
-fn a_request_that_the_robot_refuses_is_told_in_words() {
-    for (answer, expected) in [
-        ("collision=3", "refuses its collision thresholds: a safety function is active"),
-        ("load=2", "refuses its load: the values are out of their range"),
-        ("stiffness=1", "refuses the stiffness of its joints: it is in no mode"),
-        ("move=4", "the motion did not begin: a safety function is active"),
-        ("move=5", "the motion did not begin: the robot is in no mode"),
-        ("move=6", "cannot begin at a singular posture"),
-        ("move=7", "an argument is out of its range"),
-    ] {
-        let Some(server) = mock(&["--answer", answer]) else { return };
-        let mut settings = server.settings();
-        settings.collision = Some(CollisionBehavior::uniform(20.0, 30.0));
-        settings.load = Some(Load { mass_kg: 0.1, com_F: [0.0; 3], inertia_kg_m2: [0.0; 9] });
-        settings.stiffness = Some([3000.0; 7]);
-        let error = started(settings, CommandKind::Position).map(drop).expect_err(answer);
-        assert!(error.to_string().contains(expected), "{answer}: {error}");
-        let log = server.end();
-        assert!(log.commands().is_empty(), "{answer}: nothing is commanded");
-    }
-}
-
-/// In motion, until the robot ends it.
-fn ended(arm: &mut Arm) -> FrankaError {
-    let error = drive(arm, 5000, swing, |_| ()).expect_err("the robot ends the motion");
-    assert!(error.is_of_the_robot(), "{error}");
-    arm.halt();
-    error
-}
-
-/// Takes states and recovers with them until the robot is ready, or refuses.
-fn recover(arm: &mut Arm) -> Result<(), FrankaError> {
-    let until = clock() + 3 * PATIENCE.as_nanos() as i64;
-    loop {
-        if arm.next(Duration::from_millis(20))?.is_some() && arm.recover(true)? == Recovered::Ready {
-            return Ok(());
-        }
-        assert!(clock() < until, "never ready, and no error");
-    }
-}
-
-/// Whichever comes first, the states in which the robot has stopped, or the reply that ends the motion: the words are the same, and the arm comes back when that is asked for.
-#[test]
-fn a_stop_is_told_and_recovered_whichever_word_of_it_is_first() {
-    for (end, expected) in [
-        ("8@300", "stopped by a reflex while the arm moved (joint_reflex)"),
-        ("9@300", "the user stop is pressed while the arm moved: release the button"),
-        ("11@300", "the motion was ended: the robot has ended it, or somebody in Desk"),
-    ] {
-        for state_first in [true, false] {
-            let script: &[&str] = &["--end", end, "--state-first"];
-            let Some(server) = mock(&script[..2 + usize::from(state_first)]) else { return };
-            let mut arm = started(server.settings(), CommandKind::Velocity).unwrap();
-            let words = ended(&mut arm).to_string();
-            println!("{end}, state first {state_first}: {words}");
-            assert!(words.contains(expected), "{end}, {state_first}: {words}");
-            recover(&mut arm).unwrap();
-            let q = arm.last().unwrap().q[0];
-            drive(&mut arm, 500, swing, |_| ()).unwrap();
-            rest(&mut arm);
-            assert!(arm.last().unwrap().q[0] > q + 0.1, "it obeys again");
-            drop(arm);
-            let log = server.end();
-            let begun = log.others().iter().filter(|line| line.starts_with("move ")).count();
-            let cleared = log.others().iter().filter(|line| **line == "recovery").count();
-            assert_eq!((begun, cleared), (2, usize::from(end.starts_with('8'))));
-        }
-    }
-}
-
-#[test]
-fn a_recovery_that_the_robot_refuses_is_told_in_words() {
-    for (answer, expected) in [
-        ("recovery=1", "there is none that can be cleared in its mode"),
-        ("recovery=2", "a safety function is active"),
-        ("recovery=3", "somebody has to see to it in Desk"),
-        ("recovery=5", "the user stop is pressed"),
-    ] {
-        let Some(server) = mock(&["--end", "8@100", "--state-first", "--answer", answer]) else { return };
-        let mut arm = started(server.settings(), CommandKind::Torque).unwrap();
-        ended(&mut arm);
-        let words = recover(&mut arm).expect_err("it refuses").to_string();
-        assert!(words.contains(expected), "{answer}: {words}");
-        drop(arm);
-        server.end();
-    }
-}
-
-#[test]
-fn a_driver_that_gives_up_stops_the_motion_at_the_makers_server() {
-    for kind in [CommandKind::Position, CommandKind::Velocity, CommandKind::Torque] {
-        let Some(server) = mock(&[]) else { return };
-        let mut arm = started(server.settings(), kind).unwrap();
-        drive(&mut arm, 300, swing, |_| ()).unwrap();
-        arm.abandon();
-        drop(arm);
-        let log = server.end();
-        assert_eq!(log.others()[2..4], ["stop", "ended 2"], "{kind:?}");
-    }
-}
-
-/// A server that closes, and a driver that falls silent, for longer than the robot waits.
-#[test]
-fn a_lost_driver_or_server_ends_in_words() {
-    let Some(server) = mock(&["--close", "300"]) else { return };
-    let mut arm = started(server.settings(), CommandKind::Velocity).unwrap();
-    let words = drive(&mut arm, 5000, swing, |_| ()).expect_err("it closes").to_string();
-    assert!(words.contains("has closed the connection"), "{words}");
-    drop(arm);
-    server.end();
-    let Some(server) = mock(&["--wait-ms", "1000"]) else { return };
-    let mut arm = started(server.settings(), CommandKind::Velocity).unwrap();
-    drive(&mut arm, 300, swing, |_| ()).unwrap();
-    let mut words = String::new();
-    wait_until("the robot's stop", || {
-        words = arm.next(Duration::from_millis(20)).err().map(|error| error.to_string()).unwrap_or_default();
-        !words.is_empty()
-    });
-    assert!(words.contains("communication_constraints_violation"), "{words}");
-    drop(arm);
-    server.end();
 }

@@ -27,11 +27,11 @@ impl Arm {
         let reply = self.client.reply(number).map(MoveStatus::of).filter(|s| *s != MoveStatus::MotionStarted);
         self.ending.status = self.ending.status.or(reply);
         let status = self.ending.status;
-        let waits = match (s.mode, status) {
-            (RobotMode::Move, Some(MoveStatus::ReflexAborted | MoveStatus::EmergencyAborted)) => true,
-            (RobotMode::Idle, None) => true,
-            _ => false,
-        };
+        let (by_itself, idle) = (
+            matches!(status, Some(MoveStatus::ReflexAborted | MoveStatus::EmergencyAborted)),
+            s.mode == RobotMode::Idle && status.is_none(),
+        );
+        let waits = by_itself && s.mode == RobotMode::Move || idle;
         if waits && self.ending.waited < APART {
             self.ending.waited += 1;
             return Ok(());

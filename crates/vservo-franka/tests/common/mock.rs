@@ -6,9 +6,10 @@ use std::net::IpAddr;
 use std::process::{Child, Command as Process, Stdio};
 use std::sync::mpsc::{Receiver, channel};
 use std::time::Duration;
+use vservo_franka::arm::ArmState;
 use vservo_franka::client::FciClient;
 use vservo_franka::wire::RobotCommand;
-use vservo_franka::{ArmSettings, Joints};
+use vservo_franka::{Arm, ArmSettings, Command, FrankaError, Joints};
 
 /// Longest that anything is waited for: a machine may be busy.
 pub const PATIENCE: Duration = Duration::from_secs(20);
@@ -123,4 +124,38 @@ impl Log {
 
 fn number_of(word: &str) -> f64 {
     f64::from_bits(u64::from_str_radix(word, 16).unwrap())
+}
+
+/// Answers so many states by commands, by their number.
+pub fn drive(
+    arm: &mut Arm,
+    states: u64,
+    command: impl Fn(u64) -> Command,
+    mut each: impl FnMut(&ArmState),
+) -> Result<(), FrankaError> {
+    let (mut count, until) = (0, clock() + 3 * PATIENCE.as_nanos() as i64);
+    while count < states {
+        if let Some(state) = arm.next(Duration::from_millis(20))? {
+            each(&state);
+            arm.command(command(count))?;
+            count += 1;
+        }
+        assert!(clock() < until, "no state, and no error");
+    }
+    Ok(())
+}
+
+/// Brakes the arm however long that takes here, and ends the motion.
+pub fn rest(arm: &mut Arm) {
+    wait_until("rest", || {
+        drive(arm, 20, |_| Command::Hold, |_| ()).unwrap();
+        arm.last().unwrap().rests()
+    });
+    arm.come_to_rest().unwrap();
+}
+
+/// Turns the first joint, and the fourth the other way.
+pub fn swing(count: u64) -> Command {
+    let rise = 1.0 - (-(count as f64) / 100.0).exp();
+    Command::Velocity([0.4 * rise, 0.0, 0.0, -0.2 * rise, 0.0, 0.0, 0.0])
 }
