@@ -117,7 +117,8 @@ impl Course {
             let wish = v + share * (if wish.is_finite() { wish } else { 0.0 } - v);
             let limit =
                 JointLimit { deceleration: limits.0[i].deceleration.min(BRAKES_AT_END), ..limits.0[i] };
-            next.qdd[i] = limited(wish, (v, a), limit.velocities(q));
+            // The fade lags behind limits that shrink by 1 / FADE: so they are taken where the joint is by then.
+            next.qdd[i] = limited(wish, (v, a), limit.velocities(q + v / FADE));
             next.qd[i] = v + next.qdd[i] * CYCLE_S;
             next.q[i] = q + next.qd[i] * CYCLE_S;
         }
@@ -217,8 +218,10 @@ mod tests {
             // Two differences of double precision leave 1e-4 of a jerk.
             assert!(v <= 5.26 && a <= 10.0 + 1e-6 && j <= 5000.1, "{number}: {v} {a} {j}");
             for c in &course {
-                for (q, limit) in c.q.iter().zip(&JointLimits::fr3().0) {
+                for ((q, v), limit) in c.q.iter().zip(&c.qd).zip(&JointLimits::fr3().0) {
                     assert!((limit.lower..=limit.upper).contains(q), "{number}: {q}");
+                    let (slowest, fastest) = limit.velocities(*q);
+                    assert!(*v <= fastest + 1e-9 && *v >= slowest - 1e-9, "{number}: {v} at {q}");
                 }
             }
         }

@@ -132,6 +132,24 @@ fn every_fault_in_motion_ends_at_rest_and_in_words() {
     }
 }
 
+/// The reply that ends a motion may come before the states that say why: the words are those of the states.
+#[test]
+fn a_reply_that_comes_first_does_not_take_the_words() {
+    for (fault, expected) in [
+        (REFLEX, "stopped by a reflex while the arm moved (joint_reflex)"),
+        (Fault::UserStop, "the user stop is pressed while the arm moved: release the button"),
+    ] {
+        let robot = robot();
+        robot.inject(Fault::EarlyReplies);
+        let mut arm = started(settings(&robot), CommandKind::Velocity).unwrap();
+        drive(&mut arm, 0.4, swing).unwrap();
+        robot.inject(fault);
+        let error = drive(&mut arm, 5.0, swing).expect_err("a fault");
+        assert!(error.is_of_the_robot() && error.to_string().contains(expected), "{fault:?}: {error}");
+        assert_at_rest(&robot);
+    }
+}
+
 /// What is wrong from the beginning: nothing moves, and the words say what to do.
 #[test]
 fn every_fault_before_the_start_is_refused_in_words() {
@@ -154,7 +172,8 @@ fn every_fault_before_the_start_is_refused_in_words() {
         assert_at_rest(&robot);
         assert_eq!(robot.arm().0, Q, "{fault:?}");
     }
-    let words = Arm::connect(vservo_franka::ArmSettings::new("127.0.0.1".parse().unwrap(), clock));
+    // Not at 127.0.0.1: there somebody may have a robot.
+    let words = Arm::connect(vservo_franka::ArmSettings::new(common::address(), clock));
     assert!(words.unwrap_err().to_string().contains("is FCI activated in Desk"));
 }
 

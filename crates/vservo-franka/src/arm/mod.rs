@@ -7,6 +7,7 @@
 //! ```
 //! Each state is answered by one command, at once: the robot goes on by itself for a cycle without one, and stops after 20 of them.
 
+mod ending;
 mod recovery;
 mod state;
 
@@ -19,6 +20,7 @@ use crate::robot::{Controller, Generator, RobotMode};
 use crate::shaping::{Course, Wanted, limited_torques, torques_as_told};
 use crate::wire::{Load, MoveStatus, Request, RobotCommand, RobotState};
 use crate::{CYCLE_S, FrankaError, JOINTS, Joints};
+use ending::Ending;
 use recovery::Halt;
 use state::plausible;
 use std::time::Duration;
@@ -52,6 +54,8 @@ pub struct Arm {
     kind: Option<CommandKind>,
     /// The number of the request that began the motion that runs.
     motion: Option<u32>,
+    /// What has been said of its end.
+    ending: Ending,
     /// What was commanded last; of torques: the reference of what holds the arm.
     course: Course,
     /// What that continued.
@@ -85,6 +89,7 @@ impl Arm {
             raw: None,
             kind: None,
             motion: None,
+            ending: Ending::default(),
             course: Course::at([0.0; JOINTS]),
             before: Course::at([0.0; JOINTS]),
             tau: [0.0; JOINTS],
@@ -190,6 +195,7 @@ impl Arm {
 
     fn begin(&mut self, number: u32) {
         self.motion = Some(number);
+        self.ending = Ending::default();
         self.holds = false;
         if let Some(state) = &self.raw {
             self.course = Course::told(state);
@@ -232,24 +238,6 @@ impl Arm {
             self.running(number, &raw)?;
         }
         Ok(Some(state))
-    }
-
-    /// Whether the motion still runs; why not.
-    fn running(&mut self, number: u32, s: &RobotState) -> Result<(), FrankaError> {
-        // The other reply to the request, behind that by which it began.
-        let ended = self.client.reply(number).map(MoveStatus::of).filter(|s| *s != MoveStatus::MotionStarted);
-        match (s.mode, ended) {
-            (RobotMode::Reflex, _) => Err(FrankaError::StoppedInMotion {
-                errors: if s.errors == 0 { s.reflex_reason } else { s.errors },
-                success_rate: s.success_rate,
-            }),
-            (RobotMode::Move, None) if self.is_in_motion() => Ok(()),
-            (RobotMode::UserStopped | RobotMode::Guiding | RobotMode::Other, _) => {
-                Err(FrankaError::ModeInMotion { mode: s.mode })
-            }
-            (_, Some(status)) => Err(FrankaError::MotionEnded { status }),
-            (mode, None) => Err(FrankaError::ModeInMotion { mode }),
-        }
     }
 
     /// Answers the newest state, once. Commands that are no numbers hold the arm.

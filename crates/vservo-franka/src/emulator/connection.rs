@@ -154,8 +154,9 @@ pub(super) fn send_cycle(shared: &Shared, core: &mut Core, udp: &UdpSocket) -> O
     }
     // A client that does not read is gone as soon as its thread sees that.
     let _ = client.reply(core);
-    let faults = &core.faults;
     let mut state = core.state;
+    core.faults.hold_back(&mut state);
+    let faults = &core.faults;
     if faults.mute || faults.lose_states && !state.message_id.is_multiple_of(3) {
         return None;
     }

@@ -1,6 +1,8 @@
 //! What can go wrong with a robot and its wire.
 
 use crate::robot::RobotError;
+use crate::wire::RobotState;
+use std::collections::VecDeque;
 use std::str::FromStr;
 
 /// A fault.
@@ -36,6 +38,8 @@ pub enum Fault {
     HalfPackets,
     /// Replies come byte by byte.
     ByteByByte,
+    /// Replies come 20 states before the states in which the same is said.
+    EarlyReplies,
     /// A reply of a size that there is none of.
     WrongSize,
     /// States that end too early.
@@ -51,7 +55,7 @@ pub enum Fault {
 }
 
 /// Words of faults, for command lines.
-const WORDS: [(&str, Fault); 21] = [
+const WORDS: [(&str, Fault); 22] = [
     ("reflex", Fault::Reflex(RobotError::JointReflex)),
     ("manual-recovery", Fault::ManualRecovery),
     ("user-stop", Fault::UserStop),
@@ -67,6 +71,7 @@ const WORDS: [(&str, Fault); 21] = [
     ("lose-commands", Fault::LoseCommands),
     ("half-packets", Fault::HalfPackets),
     ("byte-by-byte", Fault::ByteByByte),
+    ("early-replies", Fault::EarlyReplies),
     ("wrong-size", Fault::WrongSize),
     ("short-states", Fault::ShortStates),
     ("stale-numbers", Fault::StaleNumbers),
@@ -107,10 +112,25 @@ pub(super) struct Faults {
     pub(super) lose_states: bool,
     pub(super) lose_commands: bool,
     pub(super) pieces: Pieces,
+    /// States of which mode, motion and errors are told later than the rest.
+    pub(super) held_back: Option<VecDeque<RobotState>>,
     pub(super) wrong_size: bool,
     pub(super) short_states: bool,
     pub(super) stale_number: Option<u64>,
     pub(super) not_a_number: bool,
     pub(super) jump_rad: f64,
     pub(super) close: bool,
+}
+
+impl Faults {
+    /// Lets a state say of mode, motion and errors what was so some states ago.
+    pub(super) fn hold_back(&mut self, state: &mut RobotState) {
+        let Some(held) = &mut self.held_back else { return };
+        held.push_back(*state);
+        // Chosen by hand: longer than any machine sleeps between a state and a reply.
+        let told = if held.len() > 20 { held.pop_front() } else { held.front().copied() };
+        let Some(told) = told else { return };
+        (state.mode, state.generator, state.controller) = (told.mode, told.generator, told.controller);
+        (state.errors, state.reflex_reason) = (told.errors, told.reflex_reason);
+    }
 }

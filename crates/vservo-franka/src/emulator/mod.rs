@@ -24,6 +24,7 @@ use crate::wire::{Load, PORT, ROBOT_COMMAND_SIZE, RobotCommand};
 use crate::{CYCLE_S, JointLimits, Joints};
 use connection::Client;
 use faults::Pieces;
+use std::collections::VecDeque;
 use std::io::ErrorKind;
 use std::net::{IpAddr, SocketAddr, TcpListener, UdpSocket};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -146,6 +147,7 @@ impl Emulator {
             Fault::LoseCommands => faults.lose_commands = true,
             Fault::HalfPackets => faults.pieces = Pieces::Halves,
             Fault::ByteByByte => faults.pieces = Pieces::Bytes,
+            Fault::EarlyReplies => faults.held_back = Some(VecDeque::new()),
             Fault::WrongSize => faults.wrong_size = true,
             Fault::ShortStates => faults.short_states = true,
             Fault::StaleNumbers => faults.stale_number = Some(core.state.message_id),

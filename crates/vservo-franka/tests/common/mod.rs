@@ -1,6 +1,15 @@
 //! A robot for each test: an emulator on a loopback address of its own.
 
-#![allow(dead_code, unreachable_pub, clippy::unwrap_used, clippy::disallowed_methods)]
+#![allow(
+    dead_code,
+    unreachable_pub,
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::print_stdout,
+    clippy::disallowed_methods
+)]
+
+pub mod mock;
 
 use std::net::{IpAddr, Ipv4Addr};
 use std::sync::OnceLock;
