@@ -9,10 +9,10 @@
 use super::drive_robot::{self, DriveJoining, RobotArm, joints};
 use super::drive_weights::Weights;
 use super::{ProcessError, StopFlag};
-use crate::drive::CommandMode;
+use crate::drive::{CommandMode, DriveProperties};
 use crate::messages::{DriveCommandMsg, DriveStateMsg, RobotState};
 use crate::rt::{ClockEstimate, tell};
-use crate::time::MonoNs;
+use crate::time::{MonoNs, SpanNs, TICK};
 use std::time::Duration;
 use vservo_franka::arm::{ArmState, Recovered};
 use vservo_franka::wire::Load;
@@ -55,6 +55,15 @@ impl RobotArm for FrankaArm<'_> {
 
     fn clock(&self) -> Option<ClockEstimate> {
         self.arm.clock()
+    }
+
+    fn properties(&self, _: u32) -> DriveProperties {
+        DriveProperties {
+            period: Some(TICK),
+            // Cycles in a row without a command that end a motion, by the maker's documentation.
+            watchdog: Some(SpanNs(20 * TICK.0)),
+            effort_rate: vec![vservo_franka::MAX_TORQUE_RATE; JOINTS],
+        }
     }
 
     fn begin(&mut self, mode: u32, stop: &dyn Fn() -> bool) -> Result<bool, ProcessError> {

@@ -12,6 +12,7 @@
 
 use super::{DrivePayload, ProcessError, StopFlag};
 use crate::config::RealtimeRequest;
+use crate::drive::DriveProperties;
 use crate::ipc::{Instance, QuietSender, Receiver, Sender, Services, StopWord};
 use crate::messages::{DriveCommandMsg, DriveStateMsg, DriveTextMsg, RobotState, drive_flag};
 use crate::rt::{ClockEstimate, now, prepare_thread, tell};
@@ -52,6 +53,8 @@ pub(super) trait RobotArm {
     fn missed(&self) -> (u64, i64);
     /// What is known of its clock.
     fn clock(&self) -> Option<ClockEstimate>;
+    /// What is told of the drive in this mode.
+    fn properties(&self, mode: u32) -> DriveProperties;
     /// Sees to it that it obeys commands of this mode from now on; false where `stop` said that nobody wants it any more.
     fn begin(&mut self, mode: u32, stop: &dyn Fn() -> bool) -> Result<bool, Self::Error>;
     /// Answers the newest state.
@@ -363,6 +366,8 @@ impl<A: RobotArm> Link<'_, A> {
         if !self.joint_names.is_empty() {
             self.send_text(DriveTextMsg::of_joints(self.joint_names))?;
         }
+        let properties = self.arm.properties(command.mode);
+        self.send_text(DriveTextMsg::of_properties(&properties.to_string()))?;
         match self.arm.last() {
             Some(state) => self.send(&state, 0, drive_flag::INITIAL),
             None => Ok(()),

@@ -8,13 +8,13 @@ use super::drive_payload::moments;
 use super::drive_robot::{self, DriveJoining, RobotArm, joints};
 use super::drive_weights::Weights;
 use super::{ProcessError, StopFlag};
-use crate::drive::CommandMode;
+use crate::drive::{CommandMode, DriveProperties};
 use crate::messages::{DriveCommandMsg, DriveStateMsg, RobotState, drive_flag};
 use crate::rt::{ClockEstimate, tell};
-use crate::time::MonoNs;
+use crate::time::{MonoNs, SpanNs};
 use std::time::Duration;
 use vservo_ur::arm::{ArmState, Recovered};
-use vservo_ur::program::state as program_state;
+use vservo_ur::program::{TORQUE_WATCHDOG, state as program_state};
 use vservo_ur::{Arm, ArmSettings, Command, JOINTS, Payload, RobotMode, SafetyMode, UrError};
 
 /// The joints, as the maker's own description of its arms names them.
@@ -61,6 +61,18 @@ impl RobotArm for UrArm<'_> {
 
     fn clock(&self) -> Option<ClockEstimate> {
         self.arm.clock()
+    }
+
+    fn properties(&self, mode: u32) -> DriveProperties {
+        let watchdog = match mode == CommandMode::Torque as u32 {
+            true => self.arm.watchdog().min(TORQUE_WATCHDOG),
+            false => self.arm.watchdog(),
+        };
+        DriveProperties {
+            period: Some(SpanNs::from_s(1.0 / self.arm.series().rate_hz())),
+            watchdog: Some(SpanNs::from_s(watchdog.as_secs_f64())),
+            effort_rate: Vec::new(),
+        }
     }
 
     fn begin(&mut self, mode: u32, stop: &dyn Fn() -> bool) -> Result<bool, ProcessError> {

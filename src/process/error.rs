@@ -130,6 +130,9 @@ pub enum ProcessError {
     /// The external drive has other joints.
     #[error(transparent)]
     DriveJointNames(#[from] crate::drive::JointNamesError),
+    /// The external drive stops between commands, or tells its states too seldom.
+    #[error(transparent)]
+    DriveProperties(#[from] crate::drive::DrivePropertiesError),
     /// The external drive says that the arm is where no arm is, or moves as none does.
     #[error(
         "the external drive's first state has joint {joint} at {q} rad or m, moving with {qd} rad/s or m/s: no arm does that; \
@@ -383,6 +386,7 @@ impl ProcessError {
             | Self::DriveRecording { .. }
             | Self::DriveJoints { .. }
             | Self::DriveJointNames(_)
+            | Self::DriveProperties(_)
             | Self::DriveMode { .. }
             | Self::DriveState { .. }
             | Self::DriveWithoutTorques { .. }

@@ -23,7 +23,7 @@ pub mod wire;
 
 pub use arm::{Arm, ArmSettings, Command, CommandKind};
 pub use error::FrankaError;
-pub use limits::JointLimits;
+pub use limits::{JointLimits, MAX_TORQUE_RATE};
 pub use robot::{RobotMode, first_error, name_errors};
 
 /// Joints of every arm of this maker.

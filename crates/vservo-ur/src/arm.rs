@@ -6,6 +6,7 @@
 //!                                                                   └─ halt ─► next, recover, next, ... ─► ready: next, command, ...
 //! ```
 
+mod readiness;
 mod recovery;
 mod state;
 
@@ -27,11 +28,6 @@ use std::time::Duration;
 const STANDING: u32 = 10;
 /// Longest wait for rest. Chosen by hand: 3 rad/s at the 4 rad/s2 of `stopj` take 0.8 s.
 const REST: Duration = Duration::from_secs(3);
-/// Longest time for the motors to get power, and for the brakes to open. Chosen by hand: an e-Series boots in half a minute.
-const POWER: Duration = Duration::from_secs(60);
-const BRAKES: Duration = Duration::from_secs(20);
-/// A slider below this share slows the arm. Chosen by hand, for rounding.
-const SLIDER: f64 = 0.999;
 
 /// A robot.
 #[derive(Debug)]
@@ -166,6 +162,12 @@ impl Arm {
         version.torques().map(drop).ok_or(UrError::NoTorques { version })
     }
 
+    /// How long the robot goes on without a new command.
+    #[must_use]
+    pub fn watchdog(&self) -> Duration {
+        self.settings.watchdog
+    }
+
     /// Its series.
     #[must_use]
     pub fn series(&self) -> Series {
@@ -193,73 +195,6 @@ impl Arm {
     #[must_use]
     pub fn clock(&self) -> Option<ClockEstimate> {
         self.clock_map.estimate()
-    }
-
-    /// Sees to it that the arm may move: refuses in words what somebody must see to. With `enable` the motors get power and the brakes are opened;
-    /// a stop is never unlocked here. Whether it may: `false` where `stop`, which is asked while that is waited for, said that nobody wants it any more.
-    ///
-    /// # Errors
-    /// When the robot is stopped, not powered, slowed down, or not under remote control.
-    pub fn make_ready(&mut self, enable: bool, stop: &dyn Fn() -> bool) -> Result<bool, UrError> {
-        let state = self.newest()?;
-        if !state.safety.lets_move() {
-            return Err(UrError::Stopped { safety: state.safety });
-        }
-        if state.mode != RobotMode::Running {
-            if !enable {
-                return Err(UrError::NotRunning { mode: state.mode });
-            }
-            self.enable(stop)?;
-        }
-        if stop() {
-            return Ok(false);
-        }
-        let state = self.newest()?;
-        if state.slider < SLIDER {
-            return Err(UrError::SpeedSlider { percent: 100.0 * state.slider });
-        }
-        let mut dashboard =
-            Dashboard::connect(self.settings.host, self.settings.patience, self.settings.clock)?;
-        if !dashboard.is_under_remote_control(self.series)? {
-            return Err(UrError::LocalControl);
-        }
-        Ok(true)
-    }
-
-    fn enable(&mut self, stop: &dyn Fn() -> bool) -> Result<(), UrError> {
-        let mut dashboard =
-            Dashboard::connect(self.settings.host, self.settings.patience, self.settings.clock)?;
-        let not_idle = |s: &ArmState| !matches!(s.mode, RobotMode::Idle | RobotMode::Running);
-        if self.last.as_ref().is_some_and(not_idle) {
-            dashboard.power_on()?;
-            self.await_mode(POWER, stop, ("off", "power"), |mode| {
-                mode == RobotMode::Idle || mode == RobotMode::Running
-            })?;
-        }
-        if !stop() && self.last.is_some_and(|s| s.mode != RobotMode::Running) {
-            dashboard.release_brakes()?;
-            let ways = ("closed brakes", "open ones");
-            self.await_mode(BRAKES, stop, ways, |mode| mode == RobotMode::Running)?;
-        }
-        Ok(())
-    }
-
-    fn await_mode(
-        &mut self,
-        patience: Duration,
-        stop: &dyn Fn() -> bool,
-        (from, to): (&'static str, &'static str),
-        is: impl Fn(RobotMode) -> bool,
-    ) -> Result<(), UrError> {
-        let found = self.await_state(patience, |s| is(s.mode) || !s.safety.lets_move() || stop())?;
-        match found.or(self.last) {
-            Some(s) if !s.safety.lets_move() => Err(UrError::Stopped { safety: s.safety }),
-            Some(s) if is(s.mode) || stop() => Ok(()),
-            Some(ArmState { mode, safety, .. }) => {
-                Err(UrError::NotEnabled { from, to, seconds: patience.as_secs_f64(), mode, safety })
-            }
-            None => Err(UrError::NotStarted),
-        }
     }
 
     /// Sends the program, and waits until it runs.

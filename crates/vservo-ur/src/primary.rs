@@ -161,10 +161,7 @@ fn listen(mut stream: TcpStream, ends: &AtomicBool, sender: &SyncSender<Controll
             }
             Err(_) => return,
         }
-        loop {
-            let Some(length) = waiting.first_chunk().map(|bytes| u32::from_be_bytes(*bytes) as usize) else {
-                break;
-            };
+        while let Some(length) = waiting.first_chunk().map(|bytes| u32::from_be_bytes(*bytes) as usize) {
             if !(5..=LONGEST).contains(&length) {
                 return;
             }

@@ -3,6 +3,7 @@
 //! ```text
 //! control ── START ────────────────► drive
 //! control ◄─ JOINTS: names ───────── drive     before the state with INITIAL: control compares them with the robot file
+//! control ◄─ PROPERTIES: lines ───── drive     likewise: how often its states come, how long it goes on without a command
 //! control ◄─ INITIAL, tick 0 ─────── drive
 //!
 //! control ◄─ ROBOT: words ────────── drive     before the state that shows the stop
@@ -27,7 +28,7 @@ record! {
         pub sequence: u64,
         /// When it was sent, `CLOCK_MONOTONIC`.
         pub stamp: MonoNs,
-        /// What the text is, one of [`text_kind`]: 1 the names of the joints, 2 the maker's words for what the robot is.
+        /// What the text is, one of [`text_kind`]: 1 the names of the joints, 2 the maker's words for what the robot is, 3 properties of the drive.
         pub kind: u32,
         /// Joints in use, with names.
         pub joints: u32,
@@ -51,6 +52,8 @@ named_codes! {
         pub const JOINTS: u32 = 1;
         /// Words about the robot.
         pub const ROBOT: u32 = 2;
+        /// What the drive tells of itself, a line each: `period_ms`, `watchdog_ms`, `effort_rate`.
+        pub const PROPERTIES: u32 = 3;
     }
 }
 
@@ -86,6 +89,12 @@ impl DriveTextMsg {
     pub fn of_robot(state: RobotState, code: u32, words: &str) -> Self {
         let (kind, robot_state, robot_code) = (text_kind::ROBOT, state as u32, code);
         Self { kind, robot_state, robot_code, text: text_bytes(words), ..Self::default() }
+    }
+
+    /// What a drive tells of itself, in lines.
+    #[must_use]
+    pub fn of_properties(lines: &str) -> Self {
+        Self { kind: text_kind::PROPERTIES, text: text_bytes(lines), ..Self::default() }
     }
 
     /// The text; what is no UTF-8 is replaced.

@@ -1,7 +1,7 @@
 //! What an external drive says on `drive/text`: the names of its joints, which must be those of the robot file, and its maker's words about the robot.
 
 use crate::config::Config;
-use crate::drive::check_joint_names;
+use crate::drive::{CommandMode, DriveProperties, check_joint_names};
 use crate::input::printable;
 use crate::ipc::{IpcError, Receiver, Services};
 use crate::messages::{DriveTextMsg, RobotState, text_kind};
@@ -18,6 +18,10 @@ pub(super) struct DriveWords {
     /// The joints of the robot file.
     robot: Vec<String>,
     has_names: bool,
+    /// Largest efforts of its joints and the time in which they may rise; none where no torques are commanded.
+    efforts: Option<(Vec<f64>, SpanNs)>,
+    /// What the drive told of itself.
+    properties: DriveProperties,
     /// The newest words, and whether they were handed on.
     words: DriveTextMsg,
     is_new: bool,
@@ -33,6 +37,11 @@ impl DriveWords {
             texts: services.drive_text_receiver()?,
             robot: config.robot.joints.iter().map(|joint| joint.name.clone()).collect(),
             has_names: false,
+            efforts: (config.drive.mode == CommandMode::Torque).then(|| {
+                let efforts = config.robot.joints.iter().map(|joint| joint.limits.effort).collect();
+                (efforts, config.motion.effort_rise)
+            }),
+            properties: DriveProperties::default(),
             words: DriveTextMsg::default(),
             is_new: false,
             to_log: false,
@@ -54,10 +63,28 @@ impl DriveWords {
                         (self.words, self.is_new, self.to_log) = (text, true, true);
                     }
                 }
+                text_kind::PROPERTIES => self.take_properties(&DriveProperties::parse(&text.text())?)?,
                 _ => {} // of a later version
             }
         }
         self.log();
+        Ok(())
+    }
+
+    /// Refuses a drive that cannot be commanded, and says once what of it acts on the run.
+    fn take_properties(&mut self, told: &DriveProperties) -> Result<(), ProcessError> {
+        told.check()?;
+        if *told == self.properties {
+            return Ok(());
+        }
+        self.properties = told.clone();
+        if let Some((efforts, rise)) = &self.efforts
+            && let Some(slower) = told.slower_rise_ms(efforts, *rise)
+        {
+            warn!(
+                "torques may rise more quickly than the drive takes them, which holds them back itself: motion.effort_rise_ms = {slower} keeps to its limits"
+            );
+        }
         Ok(())
     }
 

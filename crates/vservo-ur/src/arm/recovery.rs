@@ -6,7 +6,8 @@
 //!                                              └ a dashboard that refuses: in words, and no second try before recover(false)
 //! ```
 
-use super::{Arm, ArmSettings, ArmState, Command, SLIDER, session};
+use super::readiness::SLIDER;
+use super::{Arm, ArmSettings, ArmState, Command, session};
 use crate::UrError;
 use crate::dashboard::Dashboard;
 use crate::program;

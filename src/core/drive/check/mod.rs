@@ -28,6 +28,7 @@ pub fn judge(log: &DriveLog) -> Vec<RuleFinding> {
     let mut findings = TrialFindings::new(log.mode);
     stream::start(log, &mut findings);
     stream::joint_names(log, &mut findings);
+    stream::properties(log, &mut findings);
     stream::contents(log, &mut findings);
     stream::counts(log, &mut findings);
     stream::stamps(log, &mut findings);

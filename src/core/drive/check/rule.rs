@@ -50,6 +50,9 @@ rules! {
     /// The names of the joints, where they are told, are those of the robot file in its order.
     JointNames: "joints by name",
         "send the names on drive/text with every START, before the state with INITIAL, in the order of the states: those of the robot file, with sign 1 and zero offset 0";
+    /// What the drive tells of itself is right, and lets control command it.
+    Properties: "period and watchdog",
+        "send `period_ms` and `watchdog_ms` on drive/text with every START: the period of the states, and how long the arm goes on without a command, three cycles of control and more";
     /// The mask of modes is not empty, has known bits alone, and stays the same.
     Modes: "command modes",
         "set bit 0 for torque, 1 for velocity, 2 for position in `modes`, the same in every state, and name one of them in drive.mode";

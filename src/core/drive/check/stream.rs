@@ -2,7 +2,7 @@
 
 use super::log::{DriveLog, OTHER_CLOCK, ProgramExit, ReceivedState, SentCommand};
 use super::rule::{DriveRule, TrialFindings};
-use crate::drive::{CommandMode, check_joint_names};
+use crate::drive::{CommandMode, DriveProperties, check_joint_names};
 use crate::messages::{DriveStateMsg, RobotState, drive_flag, text_kind};
 use crate::time::{MonoNs, SpanNs, TICK};
 
@@ -97,6 +97,43 @@ pub(super) fn joint_names(log: &DriveLog, findings: &mut TrialFindings) {
         .map(|error| error.brief())
         .or_else(|| late.then(|| "they came after the state with INITIAL".into()));
     findings.say(DriveRule::JointNames, broken, first.text.names().join(", "));
+}
+
+/// What the drive tells of itself. Who tells nothing is taken for one that waits long enough.
+pub(super) fn properties(log: &DriveLog, findings: &mut TrialFindings) {
+    let mut told = log.texts.iter().filter(|t| t.text.kind == text_kind::PROPERTIES).peekable();
+    let Some(first) = told.peek().map(|t| t.text.text()) else {
+        if !log.received.is_empty() {
+            findings.untested(DriveRule::Properties, "the drive tells none");
+        }
+        return;
+    };
+    let parsed: Result<Vec<_>, _> = told.map(|t| DriveProperties::parse(&t.text.text())).collect();
+    let wrong = match &parsed {
+        Err(error) => Some(error.to_string()),
+        Ok(all) => all.iter().find_map(|told| {
+            let refused = told.check().err().map(|error| error.to_string());
+            refused.or_else(|| other_period(log, told.period?))
+        }),
+    };
+    findings.say(DriveRule::Properties, wrong, first.lines().collect::<Vec<_>>().join(", "));
+}
+
+/// That the states come with another period than the one that was told: by a fifth and more, in the middle of them.
+fn other_period(log: &DriveLog, told: SpanNs) -> Option<String> {
+    let end = log.ordinary_end();
+    let stamps: Vec<_> = log.received.iter().filter(|r| r.at <= end).map(|r| r.state.stamp).collect();
+    let mut periods: Vec<_> = stamps.iter().zip(stamps.iter().skip(1)).map(|(a, b)| *b - *a).collect();
+    periods.sort_unstable();
+    let middle = *periods.get(periods.len() / 2)?;
+    let is_other = (middle - told).0.abs() * 5 > told.0;
+    is_other.then(|| {
+        format!(
+            "told is a state every {} ms, and every {:.3} ms comes one",
+            told.as_s() * 1e3,
+            middle.as_s() * 1e3
+        )
+    })
 }
 
 /// What single states contain.

@@ -96,6 +96,26 @@ pub(super) fn violations() -> Vec<(&'static str, DriveTrial, Tweak, Change, Vec<
             |log| log.texts.iter_mut().for_each(|t| t.at = t.at + ms(60.0)),
             vec![R::JointNames],
         ),
+        (
+            "another period than the drive has",
+            Motion,
+            NO_TWEAK,
+            |log| {
+                let text = DriveTextMsg::of_properties("period_ms 2");
+                log.texts.push(ReceivedText { at: log.texts[0].at, text });
+            },
+            vec![R::Properties],
+        ),
+        (
+            "a watchdog of a cycle",
+            Motion,
+            NO_TWEAK,
+            |log| {
+                let text = DriveTextMsg::of_properties("period_ms 1\nwatchdog_ms 1");
+                log.texts.push(ReceivedText { at: log.texts[0].at, text });
+            },
+            vec![R::Properties],
+        ),
         ("no modes", Motion, |s, _| s.modes = 0, NO_CHANGE, vec![R::Modes]),
         ("modes that there are not", Motion, |s, _| s.modes |= 32, NO_CHANGE, vec![R::Modes]),
         (

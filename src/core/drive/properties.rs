@@ -1,0 +1,201 @@
+//! What an external drive tells of itself beside the names of its joints: how often its states come, how long it goes on without a command, and how quickly its torques may rise.
+//!
+//! ```text
+//! period_ms 2                     from state to state
+//! watchdog_ms 100                 without a command for so long it stops the arm
+//! effort_rate 1000 1000 ...       N m/s or N/s of each joint
+//! ```
+//! Each line may be left out, and lines that are not known here belong to later versions.
+
+use crate::time::{SpanNs, TICK};
+use std::fmt::{self, Write};
+use thiserror::Error;
+
+/// The longest period of a drive that control works with, that of robots with 125 Hz: between two of its states supervision looks back no further.
+const LONGEST_PERIOD: SpanNs = SpanNs(8 * TICK.0);
+/// Commands that a drive must be able to miss before it stops the arm. Chosen by hand: one that comes a tick late stops nothing.
+const MAY_MISS: i64 = 2;
+
+/// What a drive tells of itself.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct DriveProperties {
+    /// Time from one of its states to the next.
+    pub period: Option<SpanNs>,
+    /// How long it goes on without a command.
+    pub watchdog: Option<SpanNs>,
+    /// How quickly the effort of each joint may rise, N m/s or N/s; empty where that is not told.
+    pub effort_rate: Vec<f64>,
+}
+
+/// Why a drive cannot be commanded by this control.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum DrivePropertiesError {
+    /// A line that says nothing.
+    #[error(
+        "the drive's properties on drive/text have the line `{line}`, which is none: after `period_ms` and `watchdog_ms` comes a number above 0, after `effort_rate` one for each joint"
+    )]
+    Line {
+        /// It.
+        line: String,
+    },
+    /// Its states come too seldom.
+    #[error(
+        "the drive has a state every {period_ms} ms only: control works with drives of 1 to 8 ms (`period_ms` on drive/text)"
+    )]
+    Period {
+        /// From one to the next, ms.
+        period_ms: f64,
+    },
+    /// It stops the arm between two commands.
+    #[error(
+        "the drive stops the arm when no command came for {watchdog_ms} ms, and control sends one each {cycle_ms} ms: one that is late would stop it. Let it wait for {least_ms} ms and more (`watchdog_ms` on drive/text)"
+    )]
+    Watchdog {
+        /// How long it waits, ms.
+        watchdog_ms: f64,
+        /// Between two commands that it can take, ms.
+        cycle_ms: f64,
+        /// How long it would have to, ms.
+        least_ms: f64,
+    },
+}
+
+impl DriveProperties {
+    /// Of the text of a message.
+    ///
+    /// # Errors
+    /// [`DrivePropertiesError::Line`].
+    pub fn parse(text: &str) -> Result<Self, DrivePropertiesError> {
+        let mut told = Self::default();
+        for line in text.lines().map(str::trim).filter(|line| !line.is_empty()) {
+            let wrong = || DrivePropertiesError::Line { line: line.chars().take(80).collect() };
+            let (key, values) = line.split_once(' ').unwrap_or((line, ""));
+            let numbers = || {
+                let parsed: Result<Vec<f64>, _> = values.split_whitespace().map(str::parse).collect();
+                parsed
+                    .ok()
+                    .filter(|v| !v.is_empty() && v.iter().all(|v| v.is_finite() && *v > 0.0))
+                    .ok_or_else(wrong)
+            };
+            // An hour: what is longer says nothing else, and a span holds it.
+            let span = || match numbers()?.as_slice() {
+                [ms] => Ok(SpanNs::from_s((ms * 1e-3).min(3600.0))),
+                _ => Err(wrong()),
+            };
+            match key {
+                "period_ms" => told.period = Some(span()?),
+                "watchdog_ms" => told.watchdog = Some(span()?),
+                "effort_rate" => told.effort_rate = numbers()?,
+                _ => {}
+            }
+        }
+        Ok(told)
+    }
+
+    /// That control can command such a drive.
+    ///
+    /// # Errors
+    /// When its states come too seldom, or it stops the arm between two commands.
+    pub fn check(&self) -> Result<(), DrivePropertiesError> {
+        let ms = |span: SpanNs| span.as_s() * 1e3;
+        let period = self.period.unwrap_or(TICK);
+        // A span is whole nanoseconds, and a drive tells a rounded number.
+        if period.0 > LONGEST_PERIOD.0 + LONGEST_PERIOD.0 / 50 {
+            return Err(DrivePropertiesError::Period { period_ms: ms(period) });
+        }
+        let cycle = SpanNs(period.0.max(TICK.0));
+        let least = SpanNs((MAY_MISS + 1) * cycle.0);
+        match self.watchdog {
+            Some(watchdog) if watchdog < least => Err(DrivePropertiesError::Watchdog {
+                watchdog_ms: ms(watchdog),
+                cycle_ms: ms(cycle),
+                least_ms: ms(least),
+            }),
+            _ => Ok(()),
+        }
+    }
+
+    /// The `motion.effort_rise_ms` that keeps to the drive's rates where `rise` does not, for joints with these largest efforts, N m or N.
+    #[must_use]
+    pub fn slower_rise_ms(&self, efforts: &[f64], rise: SpanNs) -> Option<f64> {
+        let needed =
+            efforts.iter().zip(&self.effort_rate).map(|(effort, rate)| effort / rate).fold(0.0, f64::max);
+        // What differs by less is rounding of the run file.
+        (needed > 1.01 * rise.as_s()).then(|| (needed * 1e3).ceil())
+    }
+}
+
+impl fmt::Display for DriveProperties {
+    /// The text of a message.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut text = String::new();
+        for (key, span) in [("period_ms", self.period), ("watchdog_ms", self.watchdog)] {
+            if let Some(span) = span {
+                writeln!(text, "{key} {}", span.as_s() * 1e3)?;
+            }
+        }
+        if !self.effort_rate.is_empty() {
+            let rates: Vec<_> = self.effort_rate.iter().map(ToString::to_string).collect();
+            writeln!(text, "effort_rate {}", rates.join(" "))?;
+        }
+        f.write_str(text.trim_end())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn told(text: &str) -> Result<(), DrivePropertiesError> {
+        DriveProperties::parse(text)?.check()
+    }
+
+    #[test]
+    fn drives_that_stop_between_two_commands_are_refused() {
+        assert_eq!(told(""), Ok(()));
+        assert_eq!(told("period_ms 8\nwatchdog_ms 100\n"), Ok(()));
+        assert_eq!(told("period_ms 2\nwatchdog_ms 6\nlater 7 x\n"), Ok(()));
+        let words = told("watchdog_ms 1.5").unwrap_err().to_string();
+        assert!(words.contains("no command came for 1.5 ms") && words.contains("3 ms and more"), "{words}");
+        assert!(told("period_ms 4\nwatchdog_ms 8").is_err(), "two of its own cycles");
+        let words = told("period_ms 20").unwrap_err().to_string();
+        assert!(words.contains("every 20 ms"), "{words}");
+        for line in [
+            "period_ms",
+            "period_ms x",
+            "period_ms -1",
+            "watchdog_ms 1 2",
+            "effort_rate 0",
+            "watchdog_ms nan",
+        ] {
+            assert!(matches!(told(line), Err(DrivePropertiesError::Line { .. })), "{line}");
+        }
+    }
+
+    #[test]
+    fn a_quicker_rise_than_the_drive_takes_is_told_with_a_slower_one() {
+        let drive = DriveProperties { effort_rate: vec![1000.0, 1000.0], ..DriveProperties::default() };
+        assert_eq!(drive.slower_rise_ms(&[87.0, 12.0], SpanNs::from_s(0.01)), Some(87.0));
+        assert_eq!(drive.slower_rise_ms(&[87.0, 12.0], SpanNs::from_s(0.087)), None);
+        assert_eq!(DriveProperties::default().slower_rise_ms(&[87.0], SpanNs(0)), None);
+    }
+
+    proptest! {
+        #[test]
+        fn what_is_told_comes_back(period in 1_i64..9_000, watchdog in 1_i64..900_000, rates in prop::collection::vec(1.0..1e6, 0..7)) {
+            let us = |us: i64| Some(SpanNs(us * 1000));
+            let told = DriveProperties { period: us(period), watchdog: us(watchdog), effort_rate: rates };
+            let back = DriveProperties::parse(&told.to_string()).unwrap();
+            prop_assert_eq!(&back.effort_rate, &told.effort_rate);
+            for (a, b) in [(back.period, told.period), (back.watchdog, told.watchdog)] {
+                prop_assert!((a.unwrap().0 - b.unwrap().0).abs() <= 1);
+            }
+        }
+
+        #[test]
+        fn whatever_is_told_is_read_or_refused(text in ".{0,200}") {
+            let _ = told(&text);
+        }
+    }
+}
