@@ -1,6 +1,6 @@
 //! The header, which is written by hand, against the functions and codes of the library.
 
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests are tests
 
 use std::collections::BTreeMap;
 use vservo_drive::ErrorCode;

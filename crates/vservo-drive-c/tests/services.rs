@@ -221,6 +221,7 @@ fn commands_that_no_drive_may_obey_are_told_apart() {
 fn null_in_place_of_anything_is_an_error_and_no_crash() {
     let pair = Pair::new("null");
     let (none, text) = (null_mut::<DriveHandle>(), c"x".as_ptr());
+    let mut odd = DriveCommandMsg::default();
     // SAFETY: null is what is tried, and every other pointer leads to what it should.
     unsafe {
         for (answer, what) in [
@@ -228,7 +229,10 @@ fn null_in_place_of_anything_is_an_error_and_no_crash() {
             (vservo_drive_wait(none, 0), "wait"),
             (vservo_drive_receive(none, &mut DriveCommandMsg::default()), "receive"),
             (vservo_drive_receive(pair.drive, null_mut()), "receive into nothing"),
-            (vservo_drive_receive(pair.drive, 4 as *mut _), "receive into what is not aligned"),
+            (
+                vservo_drive_receive(pair.drive, (&raw mut odd).byte_add(4)),
+                "receive into what is not aligned",
+            ),
             (vservo_drive_send(none, &state()), "send"),
             (vservo_drive_send(pair.drive, null()), "send nothing"),
             (vservo_drive_send_joint_names(none, &text, 1, null(), null()), "names"),
