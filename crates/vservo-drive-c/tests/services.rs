@@ -18,6 +18,16 @@ struct Pair {
     texts: Receiver<DriveTextMsg>,
     drive: *mut DriveHandle,
     _services: Services,
+    /// Last: cleans up when nobody is there any more.
+    _place: Place,
+}
+
+struct Place(Instance);
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        self.0.remove_leftovers(None);
+    }
 }
 
 fn open(instance: &str) -> *mut DriveHandle {
@@ -47,6 +57,7 @@ impl Pair {
             commands: services.drive_command_sender().unwrap(),
             states: services.drive_state_receiver().unwrap().0,
             texts: services.drive_text_receiver().unwrap(),
+            _place: Place(instance.clone()),
             instance,
             drive,
             _services: services,
@@ -83,7 +94,6 @@ impl Drop for Pair {
     fn drop(&mut self) {
         // SAFETY: open, and not used any more.
         assert_eq!(unsafe { vservo_drive_close(self.drive) }, 0, "{}", last_error());
-        self.instance.remove_leftovers(None);
     }
 }
 
