@@ -16,7 +16,7 @@ const BY_LOAD: [&str; 8] = ["rate", "age", "future", "lag", "follow", "velocity"
 /// Checks on a machine that is too busy to judge motions are repeated. Each takes half a minute; a machine that is busy for five minutes fails a test.
 const REPEATS: usize = 10;
 
-fn checked(instance: &Instance, arguments: &[&str]) -> (Output, Value) {
+pub(crate) fn checked(instance: &Instance, arguments: &[&str]) -> (Output, Value) {
     let output = vservo()
         .args(["drive", "check", "--json", "--instance", &instance.name])
         .args(["--set", "safety.drive_timeout_ms=2000"])
@@ -29,7 +29,7 @@ fn checked(instance: &Instance, arguments: &[&str]) -> (Output, Value) {
 }
 
 /// The rules of this verdict that load cannot break.
-fn rules(answer: &Value, verdict: &str) -> Vec<String> {
+pub(crate) fn rules(answer: &Value, verdict: &str) -> Vec<String> {
     let rules = answer["rules"].as_array().unwrap_or_else(|| panic!("no answer: {answer}"));
     let with = rules.iter().filter(|rule| rule["verdict"] == verdict);
     let mut names: Vec<String> = with.map(|rule| rule["rule"].as_str().unwrap().to_owned()).collect();
@@ -63,7 +63,7 @@ fn calm(rule: &str, check: impl Fn() -> (Output, Value)) -> (Output, Value) {
 }
 
 /// The first check of an honest drive in which a busy machine broke no rule in its place, or the last of some.
-fn undisturbed(check: impl Fn() -> (Output, Value)) -> (Output, Value) {
+pub(crate) fn undisturbed(check: impl Fn() -> (Output, Value)) -> (Output, Value) {
     let mut last = calm("refuses_numbers", &check);
     for _ in 1..REPEATS {
         if rules(&last.1, "broken").is_empty() {

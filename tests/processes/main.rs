@@ -13,6 +13,7 @@ mod cameras;
 mod clients;
 #[path = "../common/mod.rs"]
 mod common;
+mod cpp_drive;
 mod detect_and_print;
 #[path = "../common/drive.rs"]
 mod drive;
