@@ -126,7 +126,7 @@ fn other_period(log: &DriveLog, told: SpanNs) -> Option<String> {
     let mut periods: Vec<_> = stamps.iter().zip(stamps.iter().skip(1)).map(|(a, b)| *b - *a).collect();
     periods.sort_unstable();
     let middle = *periods.get(periods.len() / 2)?;
-    let is_other = (middle - told).0.abs() * 5 > told.0;
+    let is_other = (middle.0 - told.0).abs() * 5 > told.0;
     is_other.then(|| {
         format!(
             "told is a state every {} ms, and every {:.3} ms comes one",
