@@ -47,6 +47,9 @@ pub struct DriveUrCli {
     /// How long the robot goes on without a new command, ms
     #[arg(long, value_name = "MS", default_value_t = 100, value_parser = clap::value_parser!(u64).range(8..=1000))]
     pub watchdog_ms: u64,
+    /// The same while torques are commanded, ms
+    #[arg(long, value_name = "MS", default_value_t = 20, value_parser = clap::value_parser!(u64).range(8..=1000))]
+    pub torque_watchdog_ms: u64,
     /// Longest time without a state of the robot, ms
     #[arg(long, value_name = "MS", default_value_t = 100, value_parser = clap::value_parser!(u64).range(16..=5000))]
     pub silence_ms: u64,
@@ -157,6 +160,7 @@ fn drive(cli: &DriveUrCli) -> Result<u8, ProcessError> {
     settings.gain = cli.gain;
     settings.stop_deceleration_rad_s2 = cli.stop_rad_s2;
     settings.watchdog = Duration::from_millis(cli.watchdog_ms);
+    settings.torque_watchdog = Duration::from_millis(cli.torque_watchdog_ms);
     settings.silence = Duration::from_millis(cli.silence_ms);
     if cli.unlock {
         return drive_ur::unlock(&settings);

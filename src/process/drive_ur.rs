@@ -14,7 +14,7 @@ use crate::rt::{ClockEstimate, tell};
 use crate::time::{MonoNs, SpanNs};
 use std::time::Duration;
 use vservo_ur::arm::{ArmState, Recovered};
-use vservo_ur::program::{TORQUE_WATCHDOG, state as program_state};
+use vservo_ur::program::state as program_state;
 use vservo_ur::{Arm, ArmSettings, Command, JOINTS, Payload, RobotMode, SafetyMode, UrError};
 
 /// The joints, as the maker's own description of its arms names them.
@@ -64,10 +64,8 @@ impl RobotArm for UrArm<'_> {
     }
 
     fn properties(&self, mode: u32) -> DriveProperties {
-        let watchdog = match mode == CommandMode::Torque as u32 {
-            true => self.arm.watchdog().min(TORQUE_WATCHDOG),
-            false => self.arm.watchdog(),
-        };
+        let ArmSettings { watchdog, torque_watchdog, .. } = *self.arm.settings();
+        let watchdog = if mode == CommandMode::Torque as u32 { torque_watchdog } else { watchdog };
         DriveProperties {
             period: Some(SpanNs::from_s(1.0 / self.arm.series().rate_hz())),
             watchdog: Some(SpanNs::from_s(watchdog.as_secs_f64())),

@@ -31,7 +31,17 @@ fn robot(series: Series) -> Emulator {
 fn command(host: IpAddr, more: &[&str]) -> String {
     let host = host.to_string();
     // A loaded machine may keep everybody waiting, which is nothing to these tests.
-    let own = ["vservo-drive-ur", "--host", &host, "--silence-ms", "1000", "--watchdog-ms", "500"];
+    let own = [
+        "vservo-drive-ur",
+        "--host",
+        &host,
+        "--silence-ms",
+        "1000",
+        "--watchdog-ms",
+        "500",
+        "--torque-watchdog-ms",
+        "500",
+    ];
     format!("drive.external.command={:?}", [&own[..], more].concat())
 }
 
@@ -153,6 +163,44 @@ fn a_robot_of_other_joints_is_refused_by_name() {
     }
 }
 
+/// Torques on the run file's own arm, behind the emulator of the command line: what weighs the robot adds, and friction one of both.
+#[test]
+fn torques_move_the_run_files_own_arm_to_its_goal() {
+    static COUNT: AtomicU8 = AtomicU8::new(200);
+    for contains in ["[]", "[\"gravity\",\"friction\"]"] {
+        let goes = || {
+            let [_, _, b, c] = std::process::id().to_be_bytes();
+            let host: IpAddr =
+                Ipv4Addr::new(127, 210 + b % 40, c, COUNT.fetch_add(1, Ordering::Relaxed)).into();
+            let mut emulator = vservo()
+                .args(["emulate", "ur", "--address", &host.to_string()])
+                .stdout(Stdio::piped())
+                .stderr(Stdio::piped())
+                .spawn()
+                .unwrap();
+            wait_until("an emulator", || std::net::TcpStream::connect((host, 30_004)).is_ok());
+            let contains = format!("drive.torque_contains={contains}");
+            let set = ["--set", "drive.mode=torque", "--set", &contains, "--set", "servo.lead_ms=6"];
+            let command = command(host, &[]);
+            let run = run(
+                "urtorque",
+                &[&["config/ur5e-emulated.toml", "--set", &command], &PATIENT[..], &set].concat(),
+            );
+            kill(emulator.id() as i32, "TERM");
+            assert_eq!(emulator.wait().unwrap().code(), Some(0));
+            run
+        };
+        // As above: a controller that a busy machine starves.
+        let mut r = goes();
+        for _ in 0..2 {
+            if r.summary["outcome"] == "fault" {
+                r = goes();
+            }
+        }
+        assert_accurate(&r);
+    }
+}
+
 #[test]
 fn a_stop_of_the_robot_ends_the_run_in_its_words() {
     for (fault, words) in [
@@ -173,6 +221,9 @@ fn a_stop_of_the_robot_ends_the_run_in_its_words() {
         let reason = read_summary(&summary)["reason"].as_str().unwrap().to_owned();
         assert!(reason.contains(words), "{fault:?}: {reason}\n{text}");
         assert!(text.contains(words), "{text}");
+        // The controller's own number and words, over its primary interface.
+        let says = "its controller says: C9999A0, stopped by the emulator";
+        assert!(!matches!(fault, Fault::Stop(_)) || reason.contains(says), "{fault:?}: {reason}\n{text}");
         assert_at_rest(&robot);
         instance.assert_gone();
     }

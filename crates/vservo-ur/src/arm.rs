@@ -77,6 +77,7 @@ impl Arm {
             speed_acceleration_rad_s2: settings.speed_acceleration_rad_s2,
             stop_deceleration_rad_s2: settings.stop_deceleration_rad_s2,
             watchdog: settings.watchdog,
+            torque_watchdog: settings.torque_watchdog,
             payload: settings.payload,
             takes_inertia: version.has_payload_inertia(),
             torques: version.torques(),
@@ -162,10 +163,10 @@ impl Arm {
         version.torques().map(drop).ok_or(UrError::NoTorques { version })
     }
 
-    /// How long the robot goes on without a new command.
+    /// How it is moved.
     #[must_use]
-    pub fn watchdog(&self) -> Duration {
-        self.settings.watchdog
+    pub fn settings(&self) -> &ArmSettings {
+        &self.settings
     }
 
     /// Its series.

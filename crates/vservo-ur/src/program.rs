@@ -12,7 +12,7 @@
 //! is ahead by all that the arm was to go meanwhile, and a robot takes that leap for a collision course.
 //! What registers hold from another session is not obeyed. When the count stands still for the watchdog's time, the program brakes the arm with `stopj`
 //! and ends: it stops by itself when the driver, its machine, or the network fails. Under torques, which drive an arm away where nobody corrects them, that time is
-//! shorter ([`TORQUE_WATCHDOG`]). A new start takes a new program.
+//! shorter. A new start takes a new program.
 //!
 //! Torques are commanded by `direct_torque`, to which the controller adds the weight of arm and payload. Its friction it compensates as it is set there (3), or not at all (5).
 
@@ -83,6 +83,8 @@ pub struct ProgramSettings {
     pub stop_deceleration_rad_s2: f64,
     /// How long the program goes on without a new command while the arm moves.
     pub watchdog: Duration,
+    /// The same under torques, which drive an arm away where nobody corrects them.
+    pub torque_watchdog: Duration,
     /// What the controller is told to carry before the arm moves; none: as it is set there.
     pub payload: Option<Payload>,
     /// Whether the controller takes the inertia of a payload.
@@ -99,10 +101,6 @@ pub enum TorqueInterface {
     /// Which share of it is compensated, of each joint.
     FrictionScales,
 }
-
-/// Longest time that the program goes on with a torque which nobody has renewed: the twenty cycles of 1 kHz after which a Franka robot gives up by its maker's
-/// documentation; 1 rad/s2 that was meant to end then adds 0.02 rad/s.
-pub const TORQUE_WATCHDOG: Duration = Duration::from_millis(20);
 
 /// How long a program that holds the arm waits for a command, s. Chosen by hand: a driver sends one in every cycle, also while it holds, but a loaded
 /// machine may take its time between the start of the program and the first.
@@ -174,7 +172,7 @@ impl ProgramSettings {
         let joints: Vec<_> = (o..o + 6).map(|i| format!("read_input_float_register({i})")).collect();
         let joints = joints.join(", ");
         let payload = self.payload_line();
-        let torques = self.torque_branches(&joints, cycles(TORQUE_WATCHDOG.min(self.watchdog).as_secs_f64()));
+        let torques = self.torque_branches(&joints, cycles(self.torque_watchdog.as_secs_f64()));
         let mut text = String::new();
         // Writing to a string cannot fail.
         let _ = write!(
@@ -206,7 +204,10 @@ def vservo_drive():
       count = came
     end
     write_output_integer_register({o1}, count)
-    if (moving and silent > {watchdog}) or silent > {idle}:
+    if (moving and silent > {longest}) or silent > {idle}:
+      why = {missed}
+      running = False
+    elif (command == {position} or command == {velocity}) and moving and silent > {watchdog}:
       why = {missed}
       running = False
     elif command == {position}:
@@ -261,6 +262,7 @@ end
             o1 = o + 1,
             o2 = o + 2,
             watchdog = cycles(self.watchdog.as_secs_f64()),
+            longest = cycles(self.watchdog.max(self.torque_watchdog).as_secs_f64()),
             idle = cycles(IDLE_S),
             lookahead = self.lookahead_s,
             gain = self.gain,

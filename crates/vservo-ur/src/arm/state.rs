@@ -37,6 +37,8 @@ pub struct ArmSettings {
     pub fastest_rad_s: f64,
     /// How long the robot goes on without a new command.
     pub watchdog: Duration,
+    /// The same while torques are commanded.
+    pub torque_watchdog: Duration,
     /// What hangs on the flange; none: as it is set on the robot.
     pub payload: Option<Payload>,
     /// Longest wait for an answer.
@@ -48,7 +50,8 @@ pub struct ArmSettings {
 impl ArmSettings {
     /// A robot with the usual settings: the quickest `servoj` that the maker's documentation allows; 40 rad/s2 are the most that it allows `speedj`, because control
     /// limits accelerations itself; 180 degrees a second are the speed of most joints by the maker's data sheets; `stopj` with the 4 rad/s2 that the maker's own client has; the times are chosen by hand: 0.1 s without a command are
-    /// fifty lost cycles, and 0.1 rad at 1 rad/s.
+    /// fifty lost cycles, and 0.1 rad at 1 rad/s; a torque is given up after the twenty cycles of 1 kHz after which a Franka robot does so by its maker's documentation: 1 rad/s2 that was meant to end then adds
+    /// 0.02 rad/s.
     #[must_use]
     pub fn new(host: IpAddr, clock: Clock) -> Self {
         Self {
@@ -61,6 +64,7 @@ impl ArmSettings {
             stop_deceleration_rad_s2: 4.0,
             fastest_rad_s: std::f64::consts::PI,
             watchdog: Duration::from_millis(100),
+            torque_watchdog: Duration::from_millis(20),
             payload: None,
             patience: Duration::from_secs(5),
             silence: Duration::from_millis(100),
