@@ -11,7 +11,7 @@ use crate::time::{SpanNs, TICK};
 use std::fmt::{self, Write};
 use thiserror::Error;
 
-/// The longest period of a drive that control works with, that of robots with 125 Hz: between two of its states supervision looks back no further.
+/// The longest period of a drive that control works with. Derived: that of robots with 125 Hz, between two of whose states supervision looks back no further.
 const LONGEST_PERIOD: SpanNs = SpanNs(8 * TICK.0);
 /// Commands that a drive must be able to miss before it stops the arm. Chosen by hand: one that comes a tick late stops nothing.
 const MAY_MISS: i64 = 2;
@@ -77,7 +77,7 @@ impl DriveProperties {
                     .filter(|v| !v.is_empty() && v.iter().all(|v| v.is_finite() && *v > 0.0))
                     .ok_or_else(wrong)
             };
-            // An hour: what is longer says nothing else, and a span holds it.
+            // An hour, chosen by hand: what is longer says nothing else, and a span holds it.
             let span = || match numbers()?.as_slice() {
                 [ms] => Ok(SpanNs::from_s((ms * 1e-3).min(3600.0))),
                 _ => Err(wrong()),
@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn a_quicker_rise_than_the_drive_takes_is_told_with_a_slower_one() {
+    fn torques_that_rise_too_quickly_are_told_with_a_slower_rise() {
         let drive = DriveProperties { effort_rate: vec![1000.0, 1000.0], ..DriveProperties::default() };
         assert_eq!(drive.slower_rise_ms(&[87.0, 12.0], SpanNs::from_s(0.01)), Some(87.0));
         assert_eq!(drive.slower_rise_ms(&[87.0, 12.0], SpanNs::from_s(0.087)), None);

@@ -52,7 +52,7 @@ named_codes! {
         pub const JOINTS: u32 = 1;
         /// Words about the robot.
         pub const ROBOT: u32 = 2;
-        /// What the drive tells of itself, a line each: `period_ms`, `watchdog_ms`, `effort_rate`.
+        /// What the drive tells of itself, a line each: `period_ms`, `watchdog_ms`, `effort_rate`. Chosen by hand: the next number.
         pub const PROPERTIES: u32 = 3;
     }
 }

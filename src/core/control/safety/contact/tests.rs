@@ -92,7 +92,7 @@ fn a_force_at_the_flange_is_found_from_the_joints_torques() {
     }
 }
 
-/// A UR5 that obeys torques and tells its state every `period` ms, or a ms late or early by `jitter`, with 15 N m from outside on a joint from 1.5 s on; the most standard deviations before, and after how many ms it
+/// A UR5 that obeys torques and tells its state every `period` ms, or a ms late or early by `jitter`, with 40 N m from outside on a joint from 1.5 s on; the most standard deviations before, and after how many ms it
 /// is touched.
 fn touched_behind(period: i64, jitter: bool) -> (f64, Option<i64>) {
     let robot: Robot<6> = crate::robot::load("ur5").unwrap().build().unwrap();
@@ -129,7 +129,7 @@ fn touched_behind(period: i64, jitter: bool) -> (f64, Option<i64>) {
             most = most.max(watch.excess().max());
         }
         let mut acting = tau;
-        acting[2] += if ms >= 1500 { 15.0 } else { 0.0 };
+        acting[2] += if ms >= 1500 { 40.0 } else { 0.0 };
         (q, qd) = plant.integrate(&q, &qd, &acting, 1e-3);
     }
     (most, None)

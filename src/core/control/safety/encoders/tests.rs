@@ -111,8 +111,8 @@ fn behind_a_gap_in_the_states_the_reading_is_believed() {
     }
 }
 
-/// A joint that goes with 1 rad/s behind a drive with a new state every `period` ms, which stands still for `stalls` ms from 100 ms on, and whose reading leaps by 8 mrad at 300 ms where it `leaps`; the fault, and when.
-fn behind_a_slower_drive(period: i64, stalls: i64, leaps: bool) -> Option<(i64, Fault)> {
+/// A joint that goes with `speed`, rad/s, behind a drive with a new state every `period` ms, which stands still for `stalls` ms from 100 ms on, and whose reading leaps by 8 mrad at 300 ms where it `leaps`; the fault, and when.
+fn behind_a_slower_drive(speed: f64, period: i64, stalls: i64, leaps: bool) -> Option<(i64, Fault)> {
     let mut watch = EncoderWatch::<1>::default();
     let (zero, one) = (Vector1::zeros(), Vector1::repeat(1.0));
     let traits = EncoderTraits { step: zero, inertia: one, coulomb: zero };
@@ -123,14 +123,14 @@ fn behind_a_slower_drive(period: i64, stalls: i64, leaps: bool) -> Option<(i64, 
         let own = if ms < 100 { ms } else { (ms - stalls).max(100) };
         let stands = (100..100 + stalls).contains(&ms);
         if own % period == 0 && !stands {
-            told = 1e-3 * own as f64 + if leaps && ms >= 300 { 8e-3 } else { 0.0 };
+            told = speed * 1e-3 * own as f64 + if leaps && ms >= 300 { 8e-3 } else { 0.0 };
         } else {
             watch.late();
         }
-        let state = DriveState { q: Vector1::new(told), qd: one, truth: None };
+        let state = DriveState { q: Vector1::new(told), qd: Vector1::new(speed), truth: None };
         let (believed, fault) =
             watch.take(MonoNs(ms * 1_000_000), &state, &state.q, expected.as_ref(), &traits);
-        expected = Some(ExpectedMotion { q: believed.q, qd: one, qdd: zero });
+        expected = Some(ExpectedMotion { q: believed.q, qd: Vector1::new(speed), qdd: zero });
         fault.map(|fault| (ms, fault))
     })
 }
@@ -139,9 +139,9 @@ fn behind_a_slower_drive(period: i64, stalls: i64, leaps: bool) -> Option<(i64, 
 fn slower_drives_may_stall_and_their_encoders_may_not_leap() {
     for period in [1, 2, 4, 8] {
         for stalls in [0, 1, 2, 3, 5, 9, 14, 19] {
-            assert_eq!(behind_a_slower_drive(period, stalls, false), None, "{period} {stalls}");
+            assert_eq!(behind_a_slower_drive(1.0, period, stalls, false), None, "{period} {stalls}");
         }
-        let (at, fault) = behind_a_slower_drive(period, 0, true).unwrap();
+        let (at, fault) = behind_a_slower_drive(0.2, period, 0, true).unwrap();
         assert_eq!(fault, Fault::DriveStateImplausible, "{period}");
         // As many ticks as readings are replaced for, and one or two states.
         assert!((300..300 + i64::from(LONGEST) + 2 * period + 1).contains(&at), "{period}: {at}");
