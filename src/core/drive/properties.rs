@@ -13,6 +13,8 @@ use thiserror::Error;
 
 /// The longest period of a drive that control works with. Derived: that of robots with 125 Hz, between two of whose states supervision looks back no further.
 const LONGEST_PERIOD: SpanNs = SpanNs(8 * TICK.0);
+/// Longest time that is read, s. Chosen by hand: more than an hour says nothing else, and a span holds it.
+const LONGEST_S: f64 = 3600.0;
 /// Commands that a drive must be able to miss before it stops the arm. Chosen by hand: one that comes a tick late stops nothing.
 const MAY_MISS: i64 = 2;
 
@@ -77,9 +79,8 @@ impl DriveProperties {
                     .filter(|v| !v.is_empty() && v.iter().all(|v| v.is_finite() && *v > 0.0))
                     .ok_or_else(wrong)
             };
-            // An hour, chosen by hand: what is longer says nothing else, and a span holds it.
             let span = || match numbers()?.as_slice() {
-                [ms] => Ok(SpanNs::from_s((ms * 1e-3).min(3600.0))),
+                [ms] => Ok(SpanNs::from_s((ms * 1e-3).min(LONGEST_S))),
                 _ => Err(wrong()),
             };
             match key {
