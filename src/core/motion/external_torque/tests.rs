@@ -8,9 +8,15 @@ fn ur5() -> Robot<6> {
     crate::robot::load("ur5").unwrap().build().unwrap()
 }
 
-/// Moves a UR5 that carries `payload_kg` which the observer's arm does not, by PD control about a slow motion, with a torque on joint `joint` from tick 1500 on; returns
+/// Moves a UR5 that carries `payload_kg` which the observer's arm does not, by PD control about a slow motion, with a torque on joint `joint` from tick 1500 on, and a state for the observer every `period` ticks; returns
 /// the most standard deviations before, when the torque was noticed, and the last torque that was told.
-fn ran(payload_kg: f64, joint: usize, torque: f64, seed: u64) -> (f64, Option<usize>, Vector6<f64>) {
+fn ran(
+    payload_kg: f64,
+    joint: usize,
+    torque: f64,
+    seed: u64,
+    period: u32,
+) -> (f64, Option<usize>, Vector6<f64>) {
     let model = ur5();
     let plant = model.clone().with_payload(payload_kg, &nalgebra::Vector3::new(0.02, 0.01, 0.05));
     let mut random = Random::new(seed);
@@ -20,6 +26,7 @@ fn ran(payload_kg: f64, joint: usize, torque: f64, seed: u64) -> (f64, Option<us
     let mut observer = ExternalTorqueObserver::new(&model, &Vector6::zeros(), |_| Vector6::zeros());
     let (mut q, mut qd) = (home, phase.map(|p| 0.4 * p.cos()));
     let (mut before, mut found) = (0.0_f64, None);
+    let mut since = (Vector6::zeros(), 0);
     for k in 0..1800_usize {
         let t = k as f64 * 1e-3;
         let qd_r = phase.map(|p| 0.4 * (2.0 * t + p).cos());
@@ -30,7 +37,12 @@ fn ran(payload_kg: f64, joint: usize, torque: f64, seed: u64) -> (f64, Option<us
             acting[joint] += torque;
         }
         (q, qd) = plant.integrate(&q, &qd, &acting, 1e-3);
-        observer.note(&model, (&q, &qd), (&tau, 1), (&Vector6::zeros(), &Vector6::zeros()));
+        since = (since.0 + tau, since.1 + 1);
+        if since.1 == period {
+            let mean = since.0 / f64::from(period);
+            observer.note(&model, (&q, &qd), (&mean, period), (&Vector6::zeros(), &Vector6::zeros()));
+            since = (Vector6::zeros(), 0);
+        }
         let excess = observer.excess().max();
         if k < 1500 {
             before = before.max(excess);
@@ -43,19 +55,25 @@ fn ran(payload_kg: f64, joint: usize, torque: f64, seed: u64) -> (f64, Option<us
 
 #[test]
 fn a_touch_of_a_tenth_of_the_effort_is_told_within_60_ms() {
-    for (payload_kg, joint, torque) in [(0.0, 0, 15.0), (0.0, 2, -15.0), (3.0, 1, 25.0), (3.0, 3, 5.0)] {
-        let (before, found, external) = ran(payload_kg, joint, torque, 3);
-        assert!(before < 6.0, "{payload_kg} kg: {before}");
-        let at = found.unwrap_or(usize::MAX);
-        assert!(at <= 60, "{payload_kg} kg, joint {joint}: {at}");
-        assert!((external[joint] / torque - 1.0).abs() < 0.5, "{torque}: {external}");
+    // Behind slower drives, too, a state or two later.
+    for period in [1, 2, 4, 8] {
+        for (payload_kg, joint, torque) in [(0.0, 0, 15.0), (0.0, 2, -15.0), (3.0, 1, 25.0), (3.0, 3, 5.0)] {
+            let (before, found, external) = ran(payload_kg, joint, torque, 3, period);
+            assert!(before < 6.0, "{payload_kg} kg, {period} ms: {before}");
+            let at = found.unwrap_or(usize::MAX);
+            let within = 60 + 2 * (period as usize - 1);
+            assert!(at <= within, "{payload_kg} kg, joint {joint}, {period} ms: {at}");
+            assert!((external[joint] / torque - 1.0).abs() < 0.5, "{torque}, {period} ms: {external}");
+        }
     }
 }
 
 #[test]
 fn a_load_that_is_not_known_is_learnt_and_is_no_touch() {
     for seed in 1..9 {
-        let (before, found, _) = ran(4.0, 0, 0.0, seed);
-        assert!(before < 6.0 && found.is_none(), "{seed}: {before} {found:?}");
+        for period in [1, 2, 4, 8] {
+            let (before, found, _) = ran(4.0, 0, 0.0, seed, period);
+            assert!(before < 6.0 && found.is_none(), "{seed}, {period} ms: {before} {found:?}");
+        }
     }
 }

@@ -92,63 +92,6 @@ fn a_force_at_the_flange_is_found_from_the_joints_torques() {
     }
 }
 
-/// A UR5 that obeys torques and tells its state every `period` ms, or a ms late or early by `jitter`, with 40 N m from outside on a joint from 1.5 s on; the most standard deviations before, and after how many ms it
-/// is touched.
-fn touched_behind(period: i64, jitter: bool) -> (f64, Option<i64>) {
-    let robot: Robot<6> = crate::robot::load("ur5").unwrap().build().unwrap();
-    let plant = robot.clone().with_payload(2.0, &Vector3::new(0.02, 0.01, 0.05));
-    let law = JointLaw::InverseDynamics(InverseDynamicsControl::new(40.0, 1.0));
-    let mut control = JointController::new(law, ObserverSettings::none());
-    let mut watch = ContactWatch::new(&robot, &control, CommandMode::Torque);
-    let home = Vector6::new(0.4, -1.4, 1.3, -1.0, -1.5, 0.3);
-    let (mut q, mut qd) = (home, Vector6::repeat(0.4));
-    let mut told = DriveState { q, qd, truth: None };
-    let mut random = crate::linalg::Random::new(5);
-    let (mut next, mut most) = (0, 0.0_f64);
-    for ms in 0..3000_i64 {
-        if ms >= next {
-            told = DriveState { q, qd, truth: None };
-            let off = if jitter { random.between(-1.0, 2.0).floor() as i64 } else { 0 };
-            next = ms + (period + off).max(1);
-        } else {
-            watch.late();
-        }
-        // As a controller does that has old states between new ones: by the newest.
-        let phase = 2e-3 * ms as f64;
-        let wanted = home.map(|q| q + 0.2 * phase.sin());
-        let u = (wanted - told.q) * 100.0 + (Vector6::repeat(0.4 * phase.cos()) - told.qd) * 20.0;
-        let tau = robot.inverse_dynamics(&told.q, &told.qd, &u);
-        let command = DriveCommand { tau, q_r: wanted, qd_r: told.qd, qdd_r: u };
-        if ms > 0 {
-            watch.note(MonoNs(ms * 1_000_000), &robot, &mut control, Some((&told, &command)), None);
-        }
-        if watch.is_touched() {
-            return (most, Some(ms));
-        }
-        if ms < 1500 {
-            most = most.max(watch.excess().max());
-        }
-        let mut acting = tau;
-        acting[2] += if ms >= 1500 { 40.0 } else { 0.0 };
-        (q, qd) = plant.integrate(&q, &qd, &acting, 1e-3);
-    }
-    (most, None)
-}
-
-#[test]
-fn torques_tell_a_touch_behind_slower_drives() {
-    for (period, within) in [(1, 60), (2, 60), (4, 80), (8, 120)] {
-        let (before, at) = touched_behind(period, false);
-        assert!(before < 6.0, "{period} ms: {before}");
-        let at = at.unwrap_or(i64::MAX);
-        assert!((1500..1500 + within).contains(&at), "{period} ms: {at}");
-        // States that come early and late are fewer that tell something, and no touch.
-        let (before, at) = touched_behind(period, true);
-        assert!(before < 6.0, "{period} ms, jitter: {before}");
-        assert!(at.is_none_or(|at| at >= 1500), "{period} ms, jitter: {at:?}");
-    }
-}
-
 /// A joint behind a drive that closes its own loop, which goes on at a tenth of what is commanded from 1 s on, as it does that pushes something away.
 fn slowed_behind(mode: CommandMode, period: i64, lag: i64, slows: bool) -> Option<i64> {
     let robot: Robot<6> = crate::robot::load("ur5").unwrap().build().unwrap();

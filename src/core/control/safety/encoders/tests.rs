@@ -111,7 +111,7 @@ fn behind_a_gap_in_the_states_the_reading_is_believed() {
     }
 }
 
-/// A joint that goes with `speed`, rad/s, behind a drive with a new state every `period` ms, which stands still for `stalls` ms from 100 ms on, and whose reading leaps by 8 mrad at 300 ms where it `leaps`; the fault, and when.
+/// A joint that goes with `speed`, rad/s, behind a drive with a new state every `period` ms, which stands still for `stalls` ms from 100 ms on, and whose reading leaps by 20 mrad at 300 ms where it `leaps`; the fault, and when.
 fn behind_a_slower_drive(speed: f64, period: i64, stalls: i64, leaps: bool) -> Option<(i64, Fault)> {
     let mut watch = EncoderWatch::<1>::default();
     let (zero, one) = (Vector1::zeros(), Vector1::repeat(1.0));
@@ -123,7 +123,7 @@ fn behind_a_slower_drive(speed: f64, period: i64, stalls: i64, leaps: bool) -> O
         let own = if ms < 100 { ms } else { (ms - stalls).max(100) };
         let stands = (100..100 + stalls).contains(&ms);
         if own % period == 0 && !stands {
-            told = speed * 1e-3 * own as f64 + if leaps && ms >= 300 { 8e-3 } else { 0.0 };
+            told = speed * 1e-3 * own as f64 + if leaps && ms >= 300 { 20e-3 } else { 0.0 };
         } else {
             watch.late();
         }
