@@ -8,7 +8,7 @@
 //! ```
 //! `T` and `S` are [learnt](super::residual_model) for each joint, like the noise. A joint that something stops falls behind by more than that at once.
 
-use super::residual_model::{LEARNS_EVERY, ResidualModel};
+use super::residual_model::{LEARNS_EVERY, ResidualModel, is_turn};
 use crate::time::TICK;
 use nalgebra::{SVector, Vector3};
 
@@ -80,12 +80,12 @@ impl<const N: usize> DriveLagObserver<N> {
             let step = 4.0 * self.step[i] * self.step[i];
             let (excess, variance) = joint.model.excess(joint.lag, &x);
             (joint.excess, joint.variance) = (excess, variance + step);
-            if i == (self.ticks % LEARNS_EVERY) as usize {
-                let drift = DRIFT_1_S * h * f64::from(LEARNS_EVERY);
+            if is_turn(i, self.ticks, ticks) {
+                let drift = DRIFT_1_S * TICK.as_s() * f64::from(LEARNS_EVERY);
                 joint.model.take(joint.lag, &x, step, LEAST_NOISE * LEAST_NOISE, drift);
             }
         }
-        self.ticks = self.ticks.wrapping_add(1);
+        self.ticks = self.ticks.wrapping_add(ticks);
     }
 
     /// By how much each joint is behind beyond what its drive does by itself, rad or m.

@@ -16,7 +16,7 @@
 //! the external torque. Its variance is that of the prediction and of the noise, and of what a payload takes that is not known.
 
 use super::payload_estimator::{MOVES, ROTOR};
-use super::residual_model::{LEARNS_EVERY, ResidualModel};
+use super::residual_model::{LEARNS_EVERY, ResidualModel, is_turn};
 use crate::robot::Robot;
 use crate::time::TICK;
 use nalgebra::SVector;
@@ -80,9 +80,8 @@ pub struct ExternalTorqueObserver<const N: usize> {
     /// Position and velocity at the last tick, and the torque that acted before it.
     last: Option<(SVector<f64, N>, SVector<f64, N>, SVector<f64, N>)>,
     joints: [JointResidual; N],
-    /// Ticks that were taken in, and states.
+    /// Ticks that were taken in.
     ticks: u32,
-    states: u32,
 }
 
 /// The residual of one joint.
@@ -138,7 +137,7 @@ impl<const N: usize> ExternalTorqueObserver<N> {
                 hidden,
             }
         };
-        Self { last: None, joints: std::array::from_fn(joint), ticks: 0, states: 0 }
+        Self { last: None, joints: std::array::from_fn(joint), ticks: 0 }
     }
 
     /// Takes in the state at the end of `ticks` in which `tau` acted in the mean, N m or N. A payload takes torques that are not known, with the variances `doubt`, and so do rotors whose
@@ -155,7 +154,7 @@ impl<const N: usize> ExternalTorqueObserver<N> {
         let (q_mid, qd_mid, qdd) = ((q_before + q) * 0.5, (qd_before + qd) * 0.5, (qd - qd_before) / h);
         let modelled = robot.inverse_dynamics(&q_mid, &qd_mid, &qdd);
         let share = 1.0 - (-GAIN_RAD_S * h).exp();
-        let turn = (self.states % LEARNS_EVERY) as usize;
+        let before = self.ticks;
         for (i, joint) in self.joints.iter_mut().enumerate() {
             let sign = qd_mid[i] / qd_mid[i].abs().max(MOVES);
             let x = Terms::new(1.0, qdd[i], sign, qd_mid[i], (tau[i] - tau_before[i]) / h);
@@ -167,12 +166,11 @@ impl<const N: usize> ExternalTorqueObserver<N> {
             joint.is_loose |= (q[i] - *joint.from.get_or_insert(q[i])).abs() > LOOSE;
             joint.held = joint.holds(robot.friction()[i].coulomb);
             joint.judge(doubt[i], rotors[i]);
-            if i == turn && self.ticks >= SETTLES {
-                joint.learn(doubt[i], rotors[i], h);
+            if is_turn(i, before, ticks) && before >= SETTLES {
+                joint.learn(doubt[i], rotors[i]);
             }
         }
         self.ticks = self.ticks.saturating_add(ticks);
-        self.states = self.states.wrapping_add(1);
     }
 
     /// What coarse encoders hide is the torque `hidden` in a mean over some ticks, N m or N: steps that nobody told are found meanwhile.
@@ -258,10 +256,9 @@ impl JointResidual {
         self.variance = variance + self.doubt(payload) + self.resists(rotor);
     }
 
-    /// `h`: time from state to state, s.
-    fn learn(&mut self, payload: f64, rotor: f64, h: f64) {
-        let drift =
-            DRIFT_PER_RAD.powi(2) * POSTURE * self.way + DRIFT_1_S.powi(2) * f64::from(LEARNS_EVERY) * h;
+    fn learn(&mut self, payload: f64, rotor: f64) {
+        let drift = DRIFT_PER_RAD.powi(2) * POSTURE * self.way
+            + DRIFT_1_S.powi(2) * f64::from(LEARNS_EVERY) * TICK.as_s();
         self.way = 0.0;
         let doubt = self.doubt(payload) + self.resists(rotor) + self.held * self.held;
         self.model.take(self.r, &self.x, doubt, self.least_noise(), drift * self.effort * self.effort);

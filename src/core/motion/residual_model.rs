@@ -15,6 +15,13 @@ const DOUBTED: f64 = 3.0;
 const HELD_BACK: usize = 6;
 /// Ticks from one sample of a joint to the next, one joint after the other. Derived: the time constant of the observer of torques, after which its noise is new; arms have at most as many joints.
 pub(super) const LEARNS_EVERY: u32 = 8;
+
+/// Whether joint `i` learns at the end of `ticks` that follow `before` others: of several ticks from state to state several joints do.
+pub(super) fn is_turn(i: usize, before: u32, ticks: u32) -> bool {
+    let ahead = (i as u32 + LEARNS_EVERY - before % LEARNS_EVERY) % LEARNS_EVERY;
+    ahead < ticks
+}
+
 /// Share of a new square in the variance of the noise: a memory of 50 updates. Chosen by hand.
 const FORGET: f64 = 0.02;
 

@@ -127,6 +127,9 @@ fn other_period(log: &DriveLog, told: SpanNs) -> Option<String> {
     let end = log.ordinary_end();
     let stamps: Vec<_> = log.received.iter().filter(|r| r.at <= end).map(|r| r.state.stamp).collect();
     let mut periods: Vec<_> = stamps.iter().zip(stamps.iter().skip(1)).map(|(a, b)| *b - *a).collect();
+    if periods.iter().any(|period| period.0 <= 0) {
+        return None; // likewise
+    }
     periods.sort_unstable();
     let middle = *periods.get(periods.len() / 2)?;
     let is_other = (middle.0 - told.0).abs() * 5 > told.0;
