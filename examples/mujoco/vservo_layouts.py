@@ -66,6 +66,7 @@ class StatusFlag(enum.IntFlag):
 class TextKind(enum.IntEnum):
     JOINTS = 1  # Names of the joints.
     ROBOT = 2  # Words about the robot.
+    PROPERTIES = 3  # What the drive tells of itself, a line each: period_ms, watchdog_ms, effort_rate. Chosen by hand: the next number.
 
 
 class TraceFlag(enum.IntFlag):
@@ -466,7 +467,7 @@ class DriveText(ctypes.Structure):
     _fields_ = [
         ("sequence", ctypes.c_uint64),  # Counts what the drive has sent on this service since it joined, from 0.
         ("stamp", ctypes.c_int64),  # When it was sent, CLOCK_MONOTONIC.
-        ("kind", ctypes.c_uint32),  # What the text is, one of text_kind: 1 the names of the joints, 2 the maker's words for what the robot is.
+        ("kind", ctypes.c_uint32),  # What the text is, one of text_kind: 1 the names of the joints, 2 the maker's words for what the robot is, 3 properties of the drive.
         ("joints", ctypes.c_uint32),  # Joints in use, with names.
         ("robot_state", ctypes.c_uint32),  # With words: the state of the robot that they are about, code of a RobotState; 0 where they are about none.
         ("robot_code", ctypes.c_uint32),  # With words: the maker's own code; 0 where there is none.
