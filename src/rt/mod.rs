@@ -33,8 +33,8 @@ pub use output::{CLEAR_LINE, Stderr, print, tell};
 pub use prefault::{page_faults, prefault};
 #[cfg(feature = "cli")]
 pub use scheduling::{
-    Awake, Obtained, SchedulingError, USUAL_SPIN, prepare_process, prepare_thread, spin_before_deadlines,
-    why_not_on,
+    Awake, Obtained, SchedulingError, USUAL_SPIN, prefer_thread, prepare_process, prepare_thread,
+    spin_before_deadlines, why_not_on,
 };
 #[cfg(feature = "cli")]
 pub use service_manager::{ServiceWatchdog, tell_service_manager};

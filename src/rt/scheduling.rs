@@ -4,6 +4,7 @@
 use crate::config::RealtimeRequest;
 use crate::time::SpanNs;
 use rustix::mm::{MlockAllFlags, mlockall};
+use rustix::process::setpriority_process;
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity, set_current_timer_slack};
 use std::fmt;
 use std::fs::{File, OpenOptions};
@@ -134,6 +135,17 @@ pub fn prepare_thread(request: &RealtimeRequest) -> Obtained {
         }),
         memory: None,
     }
+}
+
+/// Nice value of what should not wait behind compilers, and is not of the loop. Chosen by hand: about nine times the share of a usual thread (sched(7): a factor of 1.25 a step).
+const PREFERRED_NICE: i32 = -10;
+
+/// Puts the calling thread, and those that it starts from then on, before others without real-time priority, and keeps in memory what the process has so far; each as far as the system lets.
+pub fn prefer_thread() {
+    // Whom the system refuses has what everybody has.
+    let _ = setpriority_process(None, PREFERRED_NICE);
+    // Without FUTURE: what is allocated later never fails for a limit of locked memory.
+    let _ = mlockall(MlockAllFlags::CURRENT | MlockAllFlags::ONFAULT);
 }
 
 /// How long a thread that obtained `obtained` spins before its deadlines: as long as `asked`, else [`USUAL_SPIN`] under

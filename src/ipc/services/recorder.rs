@@ -11,8 +11,8 @@ use crate::messages::{
 use iceoryx2::prelude::{BackpressureStrategy, ZeroCopySend};
 use std::fmt::Debug;
 
-/// Requests that wait for a recorder: it looks two hundred times a second. Chosen by hand: eight clients that ask without a pause.
-pub(super) const REQUEST_BUFFER: usize = 64;
+/// Requests that wait for a recorder: it looks a hundred times a second. Derived: eight clients that ask without a pause, each answered within a tick of a millisecond, are 80 in 10 ms.
+pub(super) const REQUEST_BUFFER: usize = 128;
 
 impl Services {
     /// A recorder's end of `camera/N/frame`.

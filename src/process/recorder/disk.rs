@@ -2,10 +2,12 @@
 //!
 //! ```text
 //! write: gathers ── flush: a block ──► queue, bounded ──► thread: write, fdatasync
+//!        ▲ empty blocks come back ◄──────────────────┘
 //!        a full queue (the disk is too slow) or a failure (it is full) ends the writing; what comes later is dropped
 //! ```
 
 use crate::process::ProcessError;
+use rustix::fs::{Advice, fadvise};
 use std::fs::File;
 use std::io::{self, ErrorKind, Write};
 use std::path::{Path, PathBuf};
@@ -51,6 +53,8 @@ pub(super) struct DiskQueue {
     state: DiskState,
     block: Vec<u8>,
     blocks: Option<Sender<Vec<u8>>>,
+    /// Blocks that were written, to be filled again: their memory is there already.
+    spare: Receiver<Vec<u8>>,
     /// A full queue is waited for; else it is a failure.
     patient: bool,
     thread: Option<JoinHandle<()>>,
@@ -62,12 +66,13 @@ impl DiskQueue {
         let file = File::create(path).map_err(|cause| ProcessError::Write { path: path.into(), cause })?;
         let state = DiskState { path: path.into(), backlog: Arc::default() };
         let (blocks, receiver) = channel();
+        let (written, spare) = channel();
         let theirs = state.clone();
         let thread = std::thread::Builder::new()
             .name("recorder-disk".into())
-            .spawn(move || write_blocks(file, &receiver, &theirs))
+            .spawn(move || write_blocks(file, &receiver, &written, &theirs))
             .map_err(|cause| ProcessError::Start { what: "the thread that writes the recording", cause })?;
-        Ok(Self { state, block: Vec::new(), blocks: Some(blocks), patient, thread: Some(thread) })
+        Ok(Self { state, block: Vec::new(), blocks: Some(blocks), spare, patient, thread: Some(thread) })
     }
 
     /// How the writing goes, to be asked from elsewhere.
@@ -104,7 +109,8 @@ impl Write for DiskQueue {
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        let block = std::mem::take(&mut self.block);
+        let next = self.spare.try_recv().unwrap_or_default();
+        let block = std::mem::replace(&mut self.block, next);
         while !block.is_empty() && !self.state.with(|backlog| backlog.failure.is_some()) {
             if self.has_room(block.len()) {
                 if let Some(blocks) = &self.blocks {
@@ -128,8 +134,13 @@ fn copy_of(error: &io::Error) -> io::Error {
         .map_or_else(|| io::Error::new(error.kind(), error.to_string()), io::Error::from_raw_os_error)
 }
 
-fn write_blocks(mut file: File, blocks: &Receiver<Vec<u8>>, state: &DiskState) {
-    for block in blocks {
+fn write_blocks(
+    mut file: File,
+    blocks: &Receiver<Vec<u8>>,
+    written_blocks: &Sender<Vec<u8>>,
+    state: &DiskState,
+) {
+    for mut block in blocks {
         let written = file.write_all(&block).and_then(|()| match file.sync_data() {
             // what is no file on a disk has nothing to be synchronized
             Err(e) if e.kind() == ErrorKind::InvalidInput => Ok(()),
@@ -145,6 +156,10 @@ fn write_blocks(mut file: File, blocks: &Receiver<Vec<u8>>, state: &DiskState) {
         if failed {
             return;
         }
+        // Nobody reads it soon, and an hour would push everything else out of memory; a system that does not know the advice loses nothing.
+        let _ = fadvise(&file, 0, None, Advice::DontNeed);
+        block.clear();
+        let _ = written_blocks.send(block); // who made it may have gone
     }
 }
 

@@ -6,7 +6,7 @@ mod taps;
 
 pub use taps::ServiceCount;
 
-use super::{Membership, ProcessError, StopFlag};
+use super::{Membership, ProcessError, StopFlag, priority};
 use crate::config::{Clock, Config};
 use crate::ipc::{Instance, Role};
 use crate::record::{RUN_FILE, RecordingWriter};
@@ -25,9 +25,8 @@ const MAX_CHUNK: SpanNs = SpanNs(500_000_000);
 /// Bytes after which a chunk ends, whatever its time. Chosen by hand: half a second of a VGA camera at 25 Hz, so that lockstep, which may be fifty times
 /// faster, needs no more memory.
 const MAX_CHUNK_BYTES: usize = 4 << 20;
-/// Pause after a look that found nothing. Chosen by hand, against the smallest buffer, of 150 ms of frames: 200 looks a second take a part of a per cent
-/// of a core.
-const PAUSE: Duration = Duration::from_millis(5);
+/// Pause after a look. Chosen by hand, against the smallest buffer, of 150 ms of frames: 100 looks a second take a part of a per cent of a core.
+const PAUSE: Duration = Duration::from_millis(10);
 /// The same in lockstep. Chosen by hand, because its clock is up to fifty times as fast; control waits where that is too slow.
 const LOCKSTEP_PAUSE: Duration = Duration::from_micros(500);
 /// Period at which it looks whether anybody is left. Chosen by hand: it costs a dozen system calls.
@@ -95,6 +94,7 @@ pub fn run(
 ) -> Result<FinishedRecording, ProcessError> {
     let membership = Membership::join(instance, Role::Recorder, config)?;
     let lockstep = config.clock == Clock::Lockstep;
+    priority::prefer(config);
     let disk = DiskQueue::create(path, lockstep)?;
     let writing = disk.state();
     let mut writer = RecordingWriter::new(disk, &about(config, instance))?;
@@ -130,7 +130,8 @@ pub fn run(
         if failure.is_some() || (ends && !found) {
             break failure;
         }
-        if !found {
+        // By the clock a second look would find the few records of the time that the first one took.
+        if !found || !lockstep {
             std::thread::sleep(pause);
         }
     };
