@@ -1,8 +1,8 @@
-//! The file of a recording, written by a thread of its own: who gathers messages never waits for a disk.
+//! The file of a recording, written by threads of their own: who gathers messages never waits for a disk.
 //!
 //! ```text
-//! write: gathers ── flush: a block ──► queue, bounded ──► thread: write, fdatasync
-//!        ▲ empty blocks come back ◄──────────────────┘
+//! write: gathers ── flush: a block ──► queue, bounded ──► thread: write ──► thread: fdatasync
+//!        ▲ empty blocks come back ◄──────────────────────────┘
 //!        a full queue (the disk is too slow) or a failure (it is full) ends the writing; what comes later is dropped
 //! ```
 
@@ -26,6 +26,16 @@ const LOOK_AGAIN: Duration = Duration::from_millis(1);
 struct Backlog {
     bytes: usize,
     failure: Option<io::Error>,
+}
+
+impl Backlog {
+    /// Notes how something went; whether anything has failed by now.
+    fn note(&mut self, result: io::Result<()>) -> bool {
+        if let Err(error) = result {
+            self.failure.get_or_insert(error);
+        }
+        self.failure.is_some()
+    }
 }
 
 /// How the writing goes.
@@ -57,7 +67,8 @@ pub(super) struct DiskQueue {
     spare: Receiver<Vec<u8>>,
     /// A full queue is waited for; else it is a failure.
     patient: bool,
-    thread: Option<JoinHandle<()>>,
+    /// That which writes, which ends the other.
+    threads: Vec<JoinHandle<()>>,
 }
 
 impl DiskQueue {
@@ -67,12 +78,22 @@ impl DiskQueue {
         let state = DiskState { path: path.into(), backlog: Arc::default() };
         let (blocks, receiver) = channel();
         let (written, spare) = channel();
-        let theirs = state.clone();
-        let thread = std::thread::Builder::new()
-            .name("recorder-disk".into())
-            .spawn(move || write_blocks(file, &receiver, &written, &theirs))
-            .map_err(|cause| ProcessError::Start { what: "the thread that writes the recording", cause })?;
-        Ok(Self { state, block: Vec::new(), blocks: Some(blocks), spare, patient, thread: Some(thread) })
+        let (to_sync, asked) = channel();
+        let (file, theirs) = (Arc::new(file), state.clone());
+        let syncing = {
+            let (file, theirs) = (Arc::clone(&file), state.clone());
+            start("recorder-sync", move || sync(&file, &asked, &theirs))?
+        };
+        let writing =
+            start("recorder-disk", move || write_blocks(&file, &receiver, &written, &to_sync, &theirs))?;
+        Ok(Self {
+            state,
+            block: Vec::new(),
+            blocks: Some(blocks),
+            spare,
+            patient,
+            threads: vec![writing, syncing],
+        })
     }
 
     /// How the writing goes, to be asked from elsewhere.
@@ -84,7 +105,7 @@ impl DiskQueue {
     pub(super) fn close(mut self) -> Result<(), ProcessError> {
         let _ = self.flush(); // which never fails
         self.blocks = None;
-        if let Some(thread) = self.thread.take() {
+        for thread in self.threads.drain(..) {
             thread.join().map_err(|_| ProcessError::Panicked("recorder-disk"))?;
         }
         self.state.failure().map_or(Ok(()), Err)
@@ -128,38 +149,58 @@ impl Write for DiskQueue {
     }
 }
 
+fn start(name: &str, work: impl FnOnce() + Send + 'static) -> Result<JoinHandle<()>, ProcessError> {
+    let thread = std::thread::Builder::new().name(name.into());
+    thread
+        .spawn(work)
+        .map_err(|cause| ProcessError::Start { what: "the thread that writes the recording", cause })
+}
+
 fn copy_of(error: &io::Error) -> io::Error {
     error
         .raw_os_error()
         .map_or_else(|| io::Error::new(error.kind(), error.to_string()), io::Error::from_raw_os_error)
 }
 
+/// Writes each block at once: what is written outlives this process, also while the disk is still busy with earlier ones.
 fn write_blocks(
-    mut file: File,
+    file: &File,
     blocks: &Receiver<Vec<u8>>,
     written_blocks: &Sender<Vec<u8>>,
+    to_sync: &Sender<()>,
     state: &DiskState,
 ) {
+    let mut file = file;
     for mut block in blocks {
-        let written = file.write_all(&block).and_then(|()| match file.sync_data() {
-            // what is no file on a disk has nothing to be synchronized
-            Err(e) if e.kind() == ErrorKind::InvalidInput => Ok(()),
-            other => other,
-        });
+        let written = file.write_all(&block);
         let failed = state.with(|backlog| {
             backlog.bytes = backlog.bytes.saturating_sub(block.len());
-            if let Err(error) = written {
-                backlog.failure.get_or_insert(error);
-            }
-            backlog.failure.is_some()
+            backlog.note(written)
         });
         if failed {
             return;
         }
-        // Nobody reads it soon, and an hour would push everything else out of memory; a system that does not know the advice loses nothing.
-        let _ = fadvise(&file, 0, None, Advice::DontNeed);
+        let _ = to_sync.send(()); // the other thread ends after a failure, which is told
         block.clear();
         let _ = written_blocks.send(block); // who made it may have gone
+    }
+}
+
+/// Has the disk take what is written, as often as it can.
+fn sync(file: &File, asked: &Receiver<()>, state: &DiskState) {
+    while asked.recv().is_ok() {
+        // One does for all that was written until now.
+        while asked.try_recv().is_ok() {}
+        let synchronized = match file.sync_data() {
+            // what is no file on a disk has nothing to be synchronized
+            Err(e) if e.kind() == ErrorKind::InvalidInput => Ok(()),
+            other => other,
+        };
+        if state.with(|backlog| backlog.note(synchronized)) {
+            return;
+        }
+        // Nobody reads it soon, and an hour would push everything else out of memory; a system that does not know the advice loses nothing.
+        let _ = fadvise(file, 0, None, Advice::DontNeed);
     }
 }
 
