@@ -7,6 +7,7 @@ use std::collections::BTreeMap;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::time::Duration;
 use vservo::config::Config;
 use vservo::control::lifecycle::{Refusal, Request};
 use vservo::messages::{
@@ -140,6 +141,65 @@ fn a_killed_recorder_loses_a_second_at_most_and_the_run_nothing() {
     let last = r.traces.last().unwrap();
     assert!((killed - last.stamp).as_s() <= 1.0, "{:?} of the end are lost", killed - last.stamp);
     assert!(s["ticks"].as_u64().unwrap() > r.traces.len() as u64 + 1000, "the run went on: {s}");
+}
+
+/// The recorder, or every process of the run in any order. `VSERVO_KILLS` says how often; each draw has its own instant.
+#[test]
+fn killed_at_any_time_a_recording_has_all_but_the_last_second() {
+    let kills: u64 = std::env::var("VSERVO_KILLS").ok().and_then(|n| n.parse().ok()).unwrap_or(2);
+    let mut lost = Vec::new();
+    for k in 0..kills {
+        let folder = tempfile::tempdir().unwrap();
+        let path = file(&folder);
+        let instance = Instance::new(&format!("reckills{k}"));
+        let mut child = vservo()
+            .args([
+                "run",
+                "--instance",
+                &instance.name,
+                "--set",
+                "goal.hold_s=60",
+                "--duration-s",
+                "30",
+                "--record",
+            ])
+            .arg(&path)
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let recorder = wait_for_process(&instance, "record");
+        // Spread over three seconds, by the golden ratio: from before the first tick to long after the goal.
+        std::thread::sleep(Duration::from_secs_f64((k as f64 * 0.618_034 + 0.3).fract() * 3.0));
+        let killed = vservo::rt::now();
+        if k % 2 == 0 {
+            kill(recorder, "KILL");
+            kill(child.id().cast_signed(), "TERM");
+        } else {
+            let mut all = instance.processes();
+            all.push(child.id().cast_signed());
+            let first = (k / 2) as usize % all.len();
+            all.rotate_left(first);
+            all.into_iter().for_each(|process| kill(process, "KILL"));
+        }
+        child.wait().unwrap();
+        let output = vservo().arg("replay").arg(&path).output().unwrap();
+        let text = String::from_utf8([output.stdout, output.stderr].concat()).unwrap();
+        if output.status.code() == Some(3) {
+            let without = ["No such file", "no tick", "no run file", "cannot be read", "in the middle"];
+            assert!(without.iter().any(|why| text.contains(why)), "draw {k}: {text}");
+        } else {
+            let last = read(&path).traces.last().unwrap().stamp;
+            lost.push((killed - last).as_s());
+            assert!(*lost.last().unwrap() <= 1.0, "draw {k}: {lost:?}");
+            assert!(output.status.code() == Some(0) && text.contains("identical"), "draw {k}: {text}");
+        }
+        instance.leftovers().iter().for_each(|left| {
+            let _ = std::fs::remove_dir_all(left).or_else(|_| std::fs::remove_file(left));
+        });
+    }
+    lost.sort_by(f64::total_cmp);
+    println!("{kills} kills, of which {} after the first tick: lost at most {:?} s", lost.len(), lost.last());
 }
 
 #[test]
