@@ -9,8 +9,9 @@
 //! A thread of its own connects and listens, so that states and commands never wait for it. A robot that cannot be heard is commanded all the same: its states tell
 //! that it has stopped, if not why. That is told, once, and tried again.
 
+use crate::socket::receive;
 use std::fmt;
-use std::io::{ErrorKind, Read};
+use std::io::ErrorKind;
 use std::net::{IpAddr, SocketAddr, TcpStream};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -226,24 +227,14 @@ impl Ear {
         let mut piece = [0; 4096];
         let mut silence = Duration::ZERO;
         while !self.ends() {
-            match stream.read(&mut piece) {
-                Ok(0) => return Err(std::io::Error::new(ErrorKind::UnexpectedEof, "end of the stream")),
-                Ok(count) => {
-                    silence = Duration::ZERO;
-                    waiting.extend_from_slice(piece.get(..count).unwrap_or_default());
+            if let Some(count) = receive(&mut stream, &mut piece)? {
+                silence = Duration::ZERO;
+                waiting.extend_from_slice(piece.get(..count).unwrap_or_default());
+            } else {
+                silence += LOOKS;
+                if silence >= PATIENCE {
+                    return Err(std::io::Error::new(ErrorKind::TimedOut, "it says nothing"));
                 }
-                Err(e)
-                    if matches!(
-                        e.kind(),
-                        ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted
-                    ) =>
-                {
-                    silence += LOOKS;
-                    if silence >= PATIENCE {
-                        return Err(std::io::Error::new(ErrorKind::TimedOut, "it says nothing"));
-                    }
-                }
-                Err(e) => return Err(e),
             }
             while let Some(length) = waiting.first_chunk().map(|bytes| u32::from_be_bytes(*bytes) as usize) {
                 if !(5..=LONGEST).contains(&length) {

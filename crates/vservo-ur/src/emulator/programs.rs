@@ -6,7 +6,8 @@ use super::{Shared, accept, interpreter, syntax, ur_rtde};
 use crate::RuntimeState;
 use crate::primary;
 use crate::program::{Payload, TorqueInterface};
-use std::io::{ErrorKind, Read, Write};
+use crate::socket::receive;
+use std::io::Write;
 use std::net::{TcpListener, TcpStream};
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, PoisonError};
@@ -41,7 +42,7 @@ pub(super) fn serve(shared: &Arc<Shared>, listener: &TcpListener, is_primary: bo
         let Some(stream) = accept(shared, listener) else { break };
         let own = Arc::clone(shared);
         let thread = std::thread::Builder::new().name("ur-program-client".into());
-        threads.extend(thread.spawn(move || receive(&own, stream, is_primary)).ok());
+        threads.extend(thread.spawn(move || take_programs(&own, stream, is_primary)).ok());
         threads.retain(|thread| !thread.is_finished());
     }
     for thread in threads {
@@ -50,7 +51,7 @@ pub(super) fn serve(shared: &Arc<Shared>, listener: &TcpListener, is_primary: bo
 }
 
 /// Reads programs from one client. Each is run by a thread of its own, which the next one ends.
-fn receive(shared: &Arc<Shared>, mut stream: TcpStream, is_primary: bool) {
+fn take_programs(shared: &Arc<Shared>, mut stream: TcpStream, is_primary: bool) {
     let mut told = {
         let core = shared.core();
         core.messages_gone + core.messages.len()
@@ -75,29 +76,11 @@ fn receive(shared: &Arc<Shared>, mut stream: TcpStream, is_primary: bool) {
             open &= !is_silent && stream.write_all(&packages).is_ok();
         }
         let mut piece = [0; 4096];
-        let still = match stream.read(&mut piece) {
-            Ok(0) => {
-                open = false;
-                true
-            }
-            Ok(count) => {
-                text.extend_from_slice(piece.get(..count).unwrap_or_default());
-                false
-            }
-            Err(e)
-                if matches!(
-                    e.kind(),
-                    ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted
-                ) =>
-            {
-                true
-            }
-            Err(_) => {
-                open = false;
-                true
-            }
-        };
-        if still && !text.is_empty() || text.len() > LARGEST {
+        let received = receive(&mut stream, &mut piece);
+        open &= received.is_ok();
+        let count = received.ok().flatten();
+        text.extend_from_slice(piece.get(..count.unwrap_or(0)).unwrap_or_default());
+        if count.is_none() && !text.is_empty() || text.len() > LARGEST {
             let program = String::from_utf8_lossy(&std::mem::take(&mut text)).into_owned();
             let own = Arc::clone(shared);
             let thread = std::thread::Builder::new().name("ur-program".into());
