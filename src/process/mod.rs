@@ -17,6 +17,7 @@ mod drive_payload;
 mod drive_robot;
 #[cfg(feature = "cli")]
 pub mod drive_ur;
+#[cfg(feature = "cli")]
 mod drive_weights;
 mod error;
 #[cfg(feature = "cli")]
