@@ -29,7 +29,9 @@ use super::{Membership, ProcessError, ReportFolder, StopFlag};
 use crate::calibration::load::LoadRecording;
 use crate::calibration::{KnownCell, Recording, stamp_offset};
 use crate::config::Config;
-use crate::config::assemble::{control_loop, control_loop_with};
+use crate::config::assemble::{
+    AnyDrive, control_loop, control_loop_with, require_controllable, within_effort_rates,
+};
 use crate::config::{Clock, Task};
 use crate::control::outcome::{Finish, Outcome};
 use crate::control::trace::Trace;
@@ -47,11 +49,12 @@ use crate::sim::preflight::Preflight;
 use crate::time::SpanNs;
 use camera_watch::CameraWatch;
 use commands::Commands;
+use external_drive::DrivePorts;
 use nalgebra::Vector2;
 use std::collections::BTreeMap;
 use std::time::Duration;
 use stops::Stops;
-use tracing::debug_span;
+use tracing::{debug_span, info, warn};
 
 /// Of a run whose last trace does not say how it ended: there is no such run.
 const WITHOUT_AN_END: Finish = Finish { outcome: Outcome::Stopped, reason: "the run ended without a reason" };
@@ -176,15 +179,11 @@ fn run_robot<const N: usize>(
     let membership = Membership::join(instance, Role::Control, config)?;
     let stops = Stops::new(stop.clone(), instance.make_stop_word()?, config.serve);
     let stability = Preflight::of(config).ok().and_then(|preflight| preflight.stability);
-    let recorded = recorded_drive::open::<N>(config)?;
-    let (mut control, mut drive) = match (external_drive::open::<N>(config, &membership)?, recorded) {
-        (Some((drive, ports)), _) => (control_loop_with(config, robot, Box::new(drive))?, Some(ports)),
-        (None, Some(drive)) => (control_loop_with(config, robot, Box::new(drive))?, None),
-        (None, None) => (control_loop(config, robot)?, None),
+    require_controllable(config)?;
+    let (from_elsewhere, mut drive) = match external_drive::open::<N>(config, &membership)? {
+        Some((drive, ports)) => (Some(Box::new(drive) as AnyDrive<N>), Some(ports)),
+        None => (recorded_drive::open::<N>(config)?.map(|drive| Box::new(drive) as AnyDrive<N>), None),
     };
-    if let Some(stability) = &stability {
-        control.mission.set_stability(stability.slowest());
-    }
     let ports = Ports::open(&membership, config.camera.id)?;
     let mut commands = Commands::new(membership.services().command_server()?, config.serve);
     let camera = CameraWatch::open(membership.services(), config)?;
@@ -194,6 +193,17 @@ fn run_robot<const N: usize>(
     membership.services().require_room_for_peers()?;
     if let Some(drive) = &mut drive {
         drive.connect(config, &stops, &mut commands)?;
+    }
+    // Here, because a drive tells what its torques may do when it is connected.
+    let rates = drive.as_ref().and_then(DrivePorts::effort_rates);
+    let slower = rates.map(|rates| within_rates(config, &robot, rates));
+    let assembled = slower.as_ref().unwrap_or(config);
+    let mut control = match from_elsewhere {
+        Some(drive) => control_loop_with(assembled, robot, drive)?,
+        None => control_loop(assembled, robot)?,
+    };
+    if let Some(stability) = &stability {
+        control.mission.set_stability(stability.slowest());
     }
     instance.reserve()?;
     let start = now();
@@ -223,6 +233,20 @@ fn run_robot<const N: usize>(
         run_files::write(folder, config, &control, history, &membership);
     }
     Ok(summary)
+}
+
+/// The configuration with which torques rise no more quickly than the drive takes them.
+fn within_rates<const N: usize>(config: &Config, robot: &Robot<N>, rates: &[f64]) -> Config {
+    let (slower, share) = within_effort_rates(config, robot, rates);
+    let rates = rates.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
+    info!("torques rise by no more than the drive takes: {rates} N m/s or N/s");
+    if share < 1.0 {
+        warn!(
+            "the drive takes torques slowly: the reference moves with {:.0} % of motion.max_jerk_rad_s3_or_m_s3",
+            100.0 * share
+        );
+    }
+    slower
 }
 
 /// Works out what a calibration run was for. Without a result the run counts as one that did not reach its goal.
