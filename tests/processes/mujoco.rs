@@ -92,7 +92,8 @@ fn in_real_time_it_converges_too() {
 #[test]
 fn the_drive_in_python_tells_its_properties() {
     let Some(python) = python() else { return };
-    let program = ["--", python.to_str().unwrap(), "examples/mujoco/mujoco_drive.py", "config/robot/ur5.urdf"];
+    let program =
+        ["--", python.to_str().unwrap(), "examples/mujoco/mujoco_drive.py", "config/robot/ur5.urdf"];
     let arguments = [&["config/ur5-mujoco.toml", "--no-motion"], &program[..]].concat();
     let (output, answer) = checked(&Instance::new("mujococheck"), &arguments);
     let told = String::from_utf8_lossy(&output.stderr).into_owned();
