@@ -10,7 +10,7 @@ use crate::motion::{ActingLimits, JointController, SpaceLimit, WorkspaceSettings
 use crate::servo::MeasurementVerdict;
 use nalgebra::SVector;
 
-/// Time in which the effort of a joint may rise from zero to its largest in the default run, s.
+/// Time in which the effort of a joint may rise from zero to its largest, s. Chosen by hand: that of the default run file (`motion.effort_rise_ms`).
 const EFFORT_RISE_S: f64 = 0.01;
 
 /// Settings of a controller.
