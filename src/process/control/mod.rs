@@ -29,12 +29,11 @@ use super::{Membership, ProcessError, ReportFolder, StopFlag};
 use crate::calibration::load::LoadRecording;
 use crate::calibration::{KnownCell, Recording, stamp_offset};
 use crate::config::Config;
-use crate::config::assemble::{
-    AnyDrive, control_loop, control_loop_with, require_controllable, within_effort_rates,
-};
+use crate::config::assemble::{control_loop, control_loop_with, require_controllable, within_effort_rates};
 use crate::config::{Clock, Task};
 use crate::control::outcome::{Finish, Outcome};
 use crate::control::trace::Trace;
+use crate::drive::ExternalDrive;
 use crate::ipc::{Instance, QuietSender, Receiver, Role, Sender, WakeListener};
 use crate::messages::{CameraId, JointState, Measurement, RequestMsg, Status, TraceMsg};
 use crate::mission::LockstepRun;
@@ -168,6 +167,12 @@ impl Pace {
     }
 }
 
+/// Control and mission, or what they are made of once a drive is connected.
+enum Assembly<const N: usize> {
+    Done(Box<LockstepRun<N>>),
+    AwaitsDrive(Box<ExternalDrive<N>>, Box<Robot<N>>),
+}
+
 fn run_robot<const N: usize>(
     config: &Config,
     robot: Robot<N>,
@@ -180,9 +185,14 @@ fn run_robot<const N: usize>(
     let stops = Stops::new(stop.clone(), instance.make_stop_word()?, config.serve);
     let stability = Preflight::of(config).ok().and_then(|preflight| preflight.stability);
     require_controllable(config)?;
-    let (from_elsewhere, mut drive) = match external_drive::open::<N>(config, &membership)? {
-        Some((drive, ports)) => (Some(Box::new(drive) as AnyDrive<N>), Some(ports)),
-        None => (recorded_drive::open::<N>(config)?.map(|drive| Box::new(drive) as AnyDrive<N>), None),
+    // Before the ports: camera and vision begin with those. An external drive tells what its torques may do when it is connected, so that its control is assembled after that.
+    let recorded = recorded_drive::open::<N>(config)?;
+    let (assembly, mut drive) = match (external_drive::open::<N>(config, &membership)?, recorded) {
+        (Some((drive, ports)), _) => (Assembly::AwaitsDrive(Box::new(drive), Box::new(robot)), Some(ports)),
+        (None, Some(drive)) => {
+            (Assembly::Done(Box::new(control_loop_with(config, robot, Box::new(drive))?)), None)
+        }
+        (None, None) => (Assembly::Done(Box::new(control_loop(config, robot)?)), None),
     };
     let ports = Ports::open(&membership, config.camera.id)?;
     let mut commands = Commands::new(membership.services().command_server()?, config.serve);
@@ -194,13 +204,13 @@ fn run_robot<const N: usize>(
     if let Some(drive) = &mut drive {
         drive.connect(config, &stops, &mut commands)?;
     }
-    // Here, because a drive tells what its torques may do when it is connected.
-    let rates = drive.as_ref().and_then(DrivePorts::effort_rates);
-    let slower = rates.map(|rates| within_rates(config, &robot, rates));
-    let assembled = slower.as_ref().unwrap_or(config);
-    let mut control = match from_elsewhere {
-        Some(drive) => control_loop_with(assembled, robot, drive)?,
-        None => control_loop(assembled, robot)?,
+    let mut control = match assembly {
+        Assembly::Done(control) => *control,
+        Assembly::AwaitsDrive(external, robot) => {
+            let rates = drive.as_ref().and_then(DrivePorts::effort_rates);
+            let slower = rates.map(|rates| within_rates(config, &robot, rates));
+            control_loop_with(slower.as_ref().unwrap_or(config), *robot, external)?
+        }
     };
     if let Some(stability) = &stability {
         control.mission.set_stability(stability.slowest());
