@@ -93,6 +93,7 @@ private:
         robot_.hold();
         // Before the answer, which control takes with what came before it.
         checked(vservo_drive_send_joint_names(vservo_, names_.data(), joints(), nullptr, nullptr));
+        checked(vservo_drive_send_properties(vservo_, kCycleNs, kSilenceNs, nullptr, 0)); // in mode torque with the robot's limits of torque rates
         robot_.next_state(vservo_drive_now_ns()); // no two states have the same stamp
         checked(send(0, VSERVO_DRIVE_FLAG_INITIAL));
     }

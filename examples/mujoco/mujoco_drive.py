@@ -21,13 +21,26 @@ BRAKE_NS = 100_000_000  # real time: without a command for so long the brakes cl
 TORQUE = 0
 
 
-def joint_names(names):
-    """What control compares with the joints of its robot file."""
-    s = DriveText(stamp=time.monotonic_ns(), kind=TextKind.JOINTS, joints=len(names))
-    s.signs[: len(names)] = [1.0] * len(names)
-    text = "\n".join(names).encode()[:511]  # a zero byte stays at the end
+def lines_of(kind, lines):
+    s = DriveText(stamp=time.monotonic_ns(), kind=kind)
+    text = "\n".join(lines).encode()[:511]  # a zero byte stays at the end
     s.text[: len(text)] = text
     return s
+
+
+def joint_names(names):
+    """What control compares with the joints of its robot file."""
+    s = lines_of(TextKind.JOINTS, names)
+    s.joints = len(names)
+    s.signs[: len(names)] = [1.0] * len(names)
+    return s
+
+
+def properties(by_the_clock):
+    """How often states come, and after how long without a command the arm is stopped; in lockstep it waits for each. Motors that take torques at limited rates
+    would add `effort_rate` and N m/s for each joint."""
+    watchdog = [f"watchdog_ms {BRAKE_NS / 1e6:g}"] if by_the_clock else []
+    return lines_of(TextKind.PROPERTIES, [f"period_ms {TICK_NS / 1e6:g}", *watchdog])
 
 
 class Arm:
@@ -186,6 +199,7 @@ def run(arm, ports, guardian):
                 by_the_clock = not c.flags & DriveFlag.LOCKSTEP
                 next_ns = time.monotonic_ns()
                 ports.tell(joint_names(arm.names))  # before the answer
+                ports.tell(properties(by_the_clock))
                 ports.send(arm.state(0, next_ns if by_the_clock else c.stamp, DriveFlag.INITIAL))
                 continue
             if c.joints != arm.model.nv or not np.isfinite(c.tau).all():

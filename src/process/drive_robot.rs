@@ -63,6 +63,10 @@ pub(super) trait RobotArm {
     fn heard(&mut self) -> Option<String> {
         None
     }
+    /// What is newly to be told about the ways to the robot that it is not commanded by.
+    fn notice(&mut self) -> Option<String> {
+        None
+    }
     /// Whether the robot itself has stopped, and may come back.
     fn is_of_the_robot(error: &Self::Error) -> bool;
     /// Whether there is no robot any more to come back.
@@ -298,6 +302,9 @@ impl<A: RobotArm> Link<'_, A> {
 
     /// Takes in what the controller says, which may come before or after the state that shows the stop.
     fn hear(&mut self) {
+        while let Some(words) = self.arm.notice() {
+            tell(format_args!("{}: {words}", A::PROGRAM));
+        }
         while let Some(words) = self.arm.heard() {
             if self.arm.is_halted() {
                 self.tell_words(Some(words));

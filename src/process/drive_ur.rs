@@ -96,6 +96,10 @@ impl RobotArm for UrArm<'_> {
         self.arm.heard().map(|message| message.to_string())
     }
 
+    fn notice(&mut self) -> Option<String> {
+        self.arm.notice().map(|notice| notice.to_string())
+    }
+
     fn is_of_the_robot(error: &ProcessError) -> bool {
         matches!(error, ProcessError::Ur(error) if error.is_of_the_robot())
     }

@@ -4,13 +4,13 @@
 #![allow(dead_code, unreachable_pub)] // each test binary uses a part
 #![allow(clippy::unwrap_used)]
 
-use crate::common::{Instance, Run, run};
+use crate::common::{Instance, Run, run, vservo};
 use nalgebra::SVector;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 use vservo::config::Config;
-use vservo::drive::{CommandMode, Drive, DriveCommand, SimulatedDrive};
+use vservo::drive::{CommandMode, Drive, DriveCommand, DriveProperties, SimulatedDrive};
 use vservo::ipc::{Instance as Place, QuietSender, Sender, Services, StopWord};
 use vservo::messages::{DriveCommandMsg, DriveStateMsg, DriveTextMsg, MAX_JOINTS, RobotState, drive_flag};
 use vservo::robot::Robot;
@@ -128,6 +128,17 @@ impl TestDrive {
         self.texts.send(|| text).unwrap();
     }
 
+    /// Likewise; `slow_torques@200` takes torques that rise from zero to the largest of each joint within 200 ms.
+    fn tell_properties(&self) {
+        if self.behaviour.what == "slow_torques" {
+            let rise_s = self.behaviour.tick as f64 * 1e-3;
+            let efforts = self.config.robot.joints.iter().map(|joint| joint.limits.effort);
+            let effort_rate = efforts.map(|effort| effort / rise_s).collect();
+            let properties = DriveProperties { effort_rate, ..DriveProperties::default() };
+            self.texts.send(|| DriveTextMsg::of_properties(&properties.to_string())).unwrap();
+        }
+    }
+
     /// What the maker says of the robot, which begins as it does.
     fn say(&self, words: &str) {
         let code = if self.robot.obeys() { 0 } else { 42 };
@@ -229,6 +240,11 @@ impl TestDrive {
             let mut log = std::fs::OpenOptions::new().create(true).append(true).open(path).unwrap();
             writeln!(log, "{fastest}").unwrap();
         }
+        if let Some(path) = std::env::var_os("VSERVO_TEST_TORQUES") {
+            use std::io::Write;
+            let mut log = std::fs::OpenOptions::new().create(true).append(true).open(path).unwrap();
+            writeln!(log, "{}", c.tau[..N].iter().map(f64::to_string).collect::<Vec<_>>().join(" ")).unwrap();
+        }
         self.write(c);
     }
 
@@ -308,6 +324,7 @@ fn serve(place: &Place, config: &Config, behaviour: Behaviour) {
                 assert_eq!(c.q_r[..N], config.start.q[..]);
                 drive.word = place.open_stop_word().unwrap();
                 drive.tell_names();
+                drive.tell_properties();
                 by_the_clock = c.flags & drive_flag::LOCKSTEP == 0;
                 next = rt::now();
                 drive.send(0, if by_the_clock { next } else { c.stamp }, drive_flag::INITIAL);
@@ -338,7 +355,24 @@ pub fn command(behaviour: &str) -> String {
     let own = std::env::current_exe().unwrap();
     let argv =
         ["env", &format!("VSERVO_TEST_DRIVE={behaviour}"), own.to_str().unwrap(), "--ignored", "--exact"];
-    format!("drive.external.command={:?}", [&argv[..], &["drive::drive_process"]].concat())
+    program(&[&argv[..], &["drive::drive_process"]].concat())
+}
+
+/// `drive.external.command=[...]` of this program with its arguments.
+pub fn program(argv: &[&str]) -> String {
+    format!("drive.external.command={argv:?}")
+}
+
+/// A run with its drive, still under way; `log` as [`command`]'s drive writes it.
+pub fn start_run(instance: &Instance, arguments: &[&str], log: Option<&Path>) -> Child {
+    vservo()
+        .envs(log.map(|path| ("VSERVO_TEST_LOG", path)))
+        .args(["run", "--instance", &instance.name])
+        .args(arguments)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap()
 }
 
 pub fn external(test: &str, behaviour: &str, extra: &[&str]) -> Run {

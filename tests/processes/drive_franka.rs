@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stdout)] // what is skipped is told
 
 use crate::common::{Instance, Run, assert_accurate, kill, read_summary, run, vservo, wait_until};
+use crate::drive::{program, start_run};
 use crate::serve::Daemon;
 use std::net::{IpAddr, Ipv4Addr};
 use std::path::Path;
@@ -34,7 +35,7 @@ fn robot() -> Emulator {
 fn command(host: IpAddr, more: &[&str]) -> String {
     let host = host.to_string();
     let own = ["vservo-drive-franka", "--host", &host, "--silence-ms", "1000"];
-    format!("drive.external.command={:?}", [&own[..], more].concat())
+    program(&[&own[..], more].concat())
 }
 
 const PATIENT: [&str; 2] = ["--set", "safety.drive_timeout_ms=1000"];
@@ -47,16 +48,10 @@ fn run_with(test: &str, robot: &Emulator, extra: &[&str]) -> Run {
 
 /// The same, still under way.
 fn start_with(instance: &Instance, robot: &Emulator, summary: &Path) -> Child {
-    vservo()
-        .args(["run", "config/fr3-emulated.toml", "--instance", &instance.name])
-        .args(["--set", &command(robot.address(), &[])])
-        .args(PATIENT)
-        .args(["--set", "servo.gain_1_s=0.4", "--summary"])
-        .arg(summary)
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap()
+    let command = command(robot.address(), &[]);
+    let slowly = ["--set", "servo.gain_1_s=0.4", "--summary", summary.to_str().unwrap()];
+    let arguments = [&["config/fr3-emulated.toml", "--set", &command], &PATIENT[..], &slowly].concat();
+    start_run(instance, &arguments, None)
 }
 
 fn assert_at_rest(robot: &Emulator) {

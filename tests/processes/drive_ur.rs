@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stdout)] // what is skipped is told
 
 use crate::common::{Instance, Run, assert_accurate, kill, number, read_summary, run, vservo, wait_until};
+use crate::drive::{program, start_run};
 use crate::foxglove::Viewer;
 use crate::serve::Daemon;
 use crate::watch::{Events, Watch};
@@ -42,7 +43,7 @@ fn command(host: IpAddr, more: &[&str]) -> String {
         "--torque-watchdog-ms",
         "500",
     ];
-    format!("drive.external.command={:?}", [&own[..], more].concat())
+    program(&[&own[..], more].concat())
 }
 
 const PATIENT: [&str; 2] = ["--set", "safety.drive_timeout_ms=1000"];
@@ -55,16 +56,10 @@ fn run_with(test: &str, robot: &Emulator, extra: &[&str]) -> Run {
 
 /// The same, still under way.
 fn start_with(instance: &Instance, robot: &Emulator, summary: &Path) -> Child {
-    vservo()
-        .args(["run", "config/ur5e-emulated.toml", "--instance", &instance.name])
-        .args(["--set", &command(robot.address(), &[])])
-        .args(PATIENT)
-        .args(["--set", "servo.gain_1_s=0.4", "--summary"])
-        .arg(summary)
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap()
+    let command = command(robot.address(), &[]);
+    let slowly = ["--set", "servo.gain_1_s=0.4", "--summary", summary.to_str().unwrap()];
+    let arguments = [&["config/ur5e-emulated.toml", "--set", &command], &PATIENT[..], &slowly].concat();
+    start_run(instance, &arguments, None)
 }
 
 fn assert_at_rest(robot: &Emulator) {

@@ -1,13 +1,13 @@
 //! A drive in another process: the same as the built-in one, and what becomes of a run when it fails.
 
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, clippy::print_stdout)] // what was measured
 
 use crate::common::{
     Instance, Run, assert_accurate, kill, number, read_summary, run, vservo, wait_for_line, wait_until,
 };
-use crate::drive::{command, external};
+use crate::drive::{command, drive_by_hand, external, start_run};
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Stdio};
 
 fn drive_of(instance: &Instance) -> i32 {
     let wanted = format!("VSERVO_INSTANCE={}", instance.name);
@@ -32,23 +32,9 @@ fn start(instance: &Instance, behaviour: &str, extra: &[&str]) -> Child {
 
 /// As [`start`]; the drive writes the largest speed of every command into `log`.
 fn start_logged(instance: &Instance, behaviour: &str, extra: &[&str], log: Option<&Path>) -> Child {
-    vservo()
-        .envs(log.map(|path| ("VSERVO_TEST_LOG", path)))
-        .args([
-            "run",
-            "--instance",
-            &instance.name,
-            "--set",
-            "drive.kind=external",
-            "--set",
-            "goal.hold_s=60",
-        ])
-        .args(["--set", &command(behaviour), "--duration-s", "60"])
-        .args(extra)
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap()
+    let command = command(behaviour);
+    let own = ["--set", "drive.kind=external", "--set", "goal.hold_s=60", "--set", &command];
+    start_run(instance, &[&own[..], &["--duration-s", "60"], extra].concat(), log)
 }
 
 const LOCKSTEP: [&str; 2] = ["--clock", "lockstep"];
@@ -66,6 +52,43 @@ fn torques_contain_what_the_robot_does_not_add() {
     for contains in ["[\"friction\"]", "[\"gravity\"]", "[]"] {
         let rest = settled(contains);
         assert!((rest - whole).abs() < 0.1, "{contains}: {rest} s, whole torques: {whole} s");
+    }
+}
+
+/// The drive's own record of what it was commanded, from the first torque on: it converges, and brakes in the middle of its motion, without a torque that rises more quickly than the drive tells.
+#[test]
+fn torques_rise_no_more_quickly_than_the_drive_takes_them() {
+    let config = vservo::config::Config::load(None, &[]).unwrap();
+    let efforts: Vec<f64> = config.robot.joints.iter().map(|joint| joint.limits.effort).collect();
+    for (rise_ms, payload_kg, duration_s, code) in [
+        (100, 0.0, "30", 0),
+        (200, 0.0, "30", 0),
+        (400, 0.0, "30", 0),
+        (200, 1.0, "30", 0),
+        (200, 0.0, "0.6", 5),
+    ] {
+        let folder = tempfile::tempdir().unwrap();
+        let record = folder.path().join("torques");
+        let set = format!("\"env\", \"VSERVO_TEST_TORQUES={}\"", record.display());
+        let set = command(&format!("slow_torques@{rise_ms}")).replacen("\"env\"", &set, 1);
+        let payload = format!("drive.simulated.payload_kg={payload_kg}");
+        let external = ["--set", "drive.kind=external", "--set", &set, "--set", &payload];
+        let external = [&external[..], &["--duration-s", duration_s]].concat();
+        let run = run("slowtorques", &[&LOCKSTEP[..], &external].concat());
+        assert_eq!(run.output.status.code(), Some(code), "{rise_ms} ms: {}", run.text());
+        assert!(run.text().contains("torques rise by no more than the drive takes"), "{}", run.text());
+        let text = std::fs::read_to_string(&record).unwrap();
+        let torques = text.lines().map(|l| l.split(' ').map(|v| v.parse::<f64>().unwrap()).collect());
+        let torques: Vec<Vec<f64>> = torques.collect();
+        assert!(torques.len() > 300, "{}", torques.len());
+        for (joint, effort) in efforts.iter().enumerate() {
+            let rise = |w: &[Vec<f64>]| (w[1][joint] - w[0][joint]).abs() * f64::from(rise_ms) / effort;
+            let fastest = torques.windows(2).map(rise).fold(0.0, f64::max);
+            assert!(fastest <= 1.0 + 1e-9, "{rise_ms} ms, joint {joint}: {fastest} of the rate");
+            println!(
+                "{rise_ms} ms, {payload_kg} kg, {duration_s} s, joint {joint}: {fastest:.3} of the rate at most"
+            );
+        }
     }
 }
 
@@ -259,13 +282,7 @@ fn a_drive_that_was_started_by_hand_is_found_and_missed() {
         .spawn()
         .unwrap();
     wait_for_line(&mut child, "waiting for the external drive");
-    let config = format!("/dev/shm/vservo-{}/config.toml", instance.name);
-    let mut drive = Command::new(std::env::current_exe().unwrap())
-        .args(["--ignored", "--exact", "drive::drive_process"])
-        .envs([("VSERVO_INSTANCE", &instance.name), ("VSERVO_CONFIG", &config)])
-        .stdout(Stdio::null())
-        .spawn()
-        .unwrap();
+    let mut drive = drive_by_hand(&instance, "drive::drive_process");
     let status = |child: &mut Child| child.try_wait().unwrap();
     wait_until("the first frames", || {
         assert_eq!(status(&mut child), None);

@@ -4,7 +4,7 @@
 #![allow(clippy::unwrap_used)]
 
 use crate::common::{Instance, number, run, vservo, wait_until};
-use crate::drive::{command, drive_by_hand};
+use crate::drive::{command, drive_by_hand, program};
 use iceoryx2::prelude::ZeroCopySend;
 use std::process::Stdio;
 use std::time::Duration;
@@ -108,18 +108,13 @@ fn a_later_drive_must_have_the_right_version() {
 #[test]
 fn a_program_that_never_becomes_a_drive_ends_the_run() {
     let own = std::env::current_exe().unwrap();
-    let other = format!(
-        "{:?}",
-        [own.to_str().unwrap(), "--ignored", "--exact", "external_drive_joins::drive_of_another_version"]
-    );
+    let version = ["--ignored", "--exact", "external_drive_joins::drive_of_another_version"];
+    let other = program(&[&[own.to_str().unwrap()], &version[..]].concat());
     let mute = command("mute");
     // The other version may also be there between control's two services: then it has made the command's.
     for (command, words) in [
         ("drive.external.command=[\"sleep\", \"600\"]", &["no other program has joined this instance"][..]),
-        (
-            &format!("drive.external.command={other}"),
-            &["DriveState.v3 of 328 bytes", "expects vservo.DriveCommand.v3 of 264 bytes"],
-        ),
+        (&other, &["DriveState.v3 of 328 bytes", "expects vservo.DriveCommand.v3 of 264 bytes"]),
         (&mute, &["it is there, but does not answer START"]),
     ] {
         for clock in ["lockstep", "realtime"] {

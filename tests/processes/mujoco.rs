@@ -3,7 +3,8 @@
 
 #![allow(clippy::unwrap_used, clippy::print_stdout)] // a skipped test says so
 
-use crate::common::{Run, assert_accurate, run};
+use crate::common::{Instance, Run, assert_accurate, run};
+use crate::drive_check::{checked, rules};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -85,4 +86,18 @@ fn mujoco_and_the_built_in_arm_agree() {
 fn in_real_time_it_converges_too() {
     let Some(python) = python() else { return };
     assert_accurate(&mujoco(&python, "ur5", &[], &["--set", "safety.drive_timeout_ms=1000"]));
+}
+
+/// In mode torque `vservo drive check` only holds the arm.
+#[test]
+fn the_drive_in_python_tells_its_properties() {
+    let Some(python) = python() else { return };
+    let program =
+        ["--", python.to_str().unwrap(), "examples/mujoco/mujoco_drive.py", "config/robot/ur5.urdf"];
+    let arguments = [&["config/ur5-mujoco.toml", "--no-motion"], &program[..]].concat();
+    let (output, answer) = checked(&Instance::new("mujococheck"), &arguments);
+    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    let properties = answer["rules"].as_array().unwrap().iter().find(|r| r["rule"] == "properties").unwrap();
+    assert_eq!(properties["measured"], "period_ms 1, watchdog_ms 100", "{answer:#}\n{told}");
+    assert!(rules(&answer, "ok").contains(&"properties".to_owned()), "{answer:#}\n{told}");
 }

@@ -2,7 +2,7 @@
  *
  *   drive/command (1 kHz) -> vservo_drive_wait, vservo_drive_receive
  *   drive/state           <- vservo_drive_send
- *   drive/text            <- vservo_drive_send_joint_names, vservo_drive_send_robot_text
+ *   drive/text            <- vservo_drive_send_joint_names, vservo_drive_send_properties, vservo_drive_send_robot_text
  *   the guardian's stop   -> vservo_drive_is_stopped_by_guardian
  *
  * The records, flags and codes stand in vservo.h, which `vservo layouts --lang c > vservo.h` makes. examples/cpp_drive is a whole drive; docs/drives.md says what
@@ -66,6 +66,11 @@ int32_t vservo_drive_send(vservo_drive *drive, const vservo_DriveState *state);
  * joints of those names in the maker's description; NULL where they are the same. 0 when it was sent, or nobody listens. */
 int32_t vservo_drive_send_joint_names(vservo_drive *drive, const char *const *names, uint32_t joints, const double *signs,
                                       const double *zero_offsets);
+
+/* Tells what the drive is, with each START, before the state with INITIAL: the time from one state to the next, and after how long without a command it stops the arm;
+ * 0 where that is not told. `effort_rates` (N m/s or N/s, of so many joints) says how quickly torques may rise, in mode torque; NULL where that is not told. Control refuses a
+ * drive that cannot miss two commands. 0 when it was sent, or nobody listens. */
+int32_t vservo_drive_send_properties(vservo_drive *drive, int64_t period_ns, int64_t watchdog_ns, const double *effort_rates, uint32_t joints);
 
 /* Tells in the maker's words what the robot is, before the state that shows it; "" when that is over. What is no UTF-8 is replaced, what is longer than 511 bytes
  * cut. */

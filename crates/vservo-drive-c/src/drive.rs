@@ -2,12 +2,14 @@
 
 use crate::failure::{ErrorCode, Failure};
 use std::time::Duration;
+use vservo::drive::DriveProperties;
 use vservo::ipc::{Instance, QuietSender, Receiver, Sender, Services, StopWord, WakeListener};
 use vservo::messages::{
     DRIVE_TEXT_BYTES, DriveCommandMsg, DriveStateMsg, DriveTextMsg, MAX_JOINTS, MessageRecord, RobotState,
     drive_flag,
 };
 use vservo::rt::now;
+use vservo::time::SpanNs;
 
 /// The instance where nothing names one, as the other programs have it.
 const USUAL_INSTANCE: &str = "default";
@@ -194,6 +196,31 @@ impl DrivePorts {
             text.zero_offsets.iter_mut().zip(zero_offsets).for_each(|(to, from)| *to = *from);
         }
         self.send_text(text)
+    }
+
+    pub(crate) fn send_properties(
+        &mut self,
+        period_ns: i64,
+        watchdog_ns: i64,
+        effort_rates: &[f64],
+    ) -> Result<(), Failure> {
+        if period_ns < 0 || watchdog_ns < 0 {
+            return Err(Failure::value("a time below zero; zero tells none"));
+        }
+        if effort_rates.iter().any(|rate| !(rate.is_finite() && *rate > 0.0)) {
+            return Err(Failure::value("an effort rate that is not above zero, or not finite"));
+        }
+        let told = |ns: i64| (ns > 0).then_some(SpanNs(ns));
+        let (period, watchdog) = (told(period_ns), told(watchdog_ns));
+        let properties = DriveProperties { period, watchdog, effort_rate: effort_rates.to_vec() };
+        let lines = properties.to_string();
+        if lines.len() >= DRIVE_TEXT_BYTES {
+            return Err(Failure::value(format!(
+                "rates of {} bytes; a text holds {DRIVE_TEXT_BYTES}",
+                lines.len()
+            )));
+        }
+        self.send_text(DriveTextMsg::of_properties(&lines))
     }
 
     pub(crate) fn send_robot_text(&mut self, state: u32, code: u32, words: &str) -> Result<(), Failure> {

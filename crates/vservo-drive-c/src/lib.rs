@@ -226,6 +226,34 @@ pub unsafe extern "C" fn vservo_drive_send_joint_names(
     unsafe { with_drive(drive, send) }
 }
 
+/// Tells what the drive is.
+///
+/// # Safety
+/// `drive` is null, or of [`vservo_drive_open_with`] and not closed; `effort_rates` is null, or leads to `joints` numbers.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn vservo_drive_send_properties(
+    drive: *mut DriveHandle,
+    period_ns: i64,
+    watchdog_ns: i64,
+    effort_rates: *const f64,
+    joints: u32,
+) -> i32 {
+    let send = |drive: &mut DrivePorts| {
+        let n = joints as usize;
+        let rates = if effort_rates.is_null() {
+            &[]
+        } else if n == 0 || n > MAX_JOINTS {
+            return Err(Failure::argument(format!("rates of {n} joints; there are 1 to {MAX_JOINTS}")));
+        } else {
+            // SAFETY: it is not null, and the caller promises so many numbers; `n` was bounded.
+            unsafe { slice::from_raw_parts(effort_rates, n) }
+        };
+        drive.send_properties(period_ns, watchdog_ns, rates).map(|()| 0)
+    };
+    // SAFETY: the caller promises what is needed there.
+    unsafe { with_drive(drive, send) }
+}
+
 /// Tells the maker's words.
 ///
 /// # Safety

@@ -14,7 +14,7 @@ pub use recovery::Recovered;
 pub use state::{ArmSettings, ArmState, Command};
 
 use crate::dashboard::Dashboard;
-use crate::primary::{ControllerMessage, MessageListener};
+use crate::primary::{ControllerMessage, ListenerNotice, MessageListener};
 use crate::program::{Payload, ProgramSettings, command, state as program_state};
 use crate::robot::{RobotMode, RuntimeState, Series, Version};
 use crate::rtde::{DataType, Recipe, RtdeClient, RtdeSettings, nanoseconds};
@@ -40,7 +40,7 @@ pub struct Arm {
     places: Places,
     program: ProgramSettings,
     clock_map: ClockMap,
-    /// What the controller says by itself, where it can be heard.
+    /// What the controller says by itself.
     messages: Option<MessageListener>,
     count: i32,
     last: Option<ArmState>,
@@ -94,7 +94,7 @@ impl Arm {
             places,
             program,
             clock_map: ClockMap::default(),
-            messages: MessageListener::connect(settings.host, settings.patience).ok(),
+            messages: MessageListener::start(settings.host).ok(),
             count: 0,
             last: None,
             standing: 0,
@@ -190,6 +190,11 @@ impl Arm {
     /// The next message of the controller about a stop that has come.
     pub fn heard(&mut self) -> Option<ControllerMessage> {
         self.messages.as_ref().and_then(MessageListener::next)
+    }
+
+    /// What is newly to be told about the way to its messages: that there is none, or that there is one again.
+    pub fn notice(&mut self) -> Option<ListenerNotice> {
+        self.messages.as_ref().and_then(MessageListener::notice)
     }
 
     /// What is known of the controller's clock.

@@ -2,8 +2,9 @@
 
 use crate::robot::Series;
 use crate::rtde::nanoseconds;
+use crate::socket::receive;
 use crate::{Clock, UrError};
-use std::io::{ErrorKind, Read, Write};
+use std::io::Write;
 use std::net::{IpAddr, SocketAddr, TcpStream};
 use std::time::Duration;
 
@@ -161,16 +162,9 @@ impl Dashboard {
                 });
             }
             let mut piece = [0; 512];
-            match self.stream.read(&mut piece) {
-                Ok(0) => return Err(self.lost("end of the stream")),
-                Ok(count) => self.waiting.extend_from_slice(piece.get(..count).unwrap_or_default()),
-                Err(cause)
-                    if matches!(
-                        cause.kind(),
-                        ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted
-                    ) => {}
-                Err(cause) => return Err(self.lost(&cause.to_string())),
-            }
+            let count = receive(&mut self.stream, &mut piece);
+            let count = count.map_err(|cause| self.lost(&cause.to_string()))?.unwrap_or(0);
+            self.waiting.extend_from_slice(piece.get(..count).unwrap_or_default());
         }
     }
 

@@ -19,6 +19,7 @@ pub mod primary;
 pub mod program;
 pub mod robot;
 pub mod rtde;
+mod socket;
 
 pub use arm::{Arm, ArmSettings, Command};
 pub use error::UrError;

@@ -1,26 +1,29 @@
 //! What the controller says by itself, over its primary interface: why it has stopped the arm or a program, in its own words.
 //!
 //! ```text
-//! package   length 4, type 1 (20: a message), time 8, source 1, kind 1, then by kind, big endian
+//! package   length 4, type 1 (16: a state, which is passed over; 20: a message), time 8, source 1, kind 1, then by kind, big endian
 //! 6  error               code 4, argument 4, level 4, kind of data 4, data 4, text
 //! 7  key message         code 4, argument 4, length of the title 1, title, text
 //! 10 runtime exception   line 4, column 4, text
 //! ```
-//! A thread of its own listens, so that nothing here waits. A robot that cannot be heard is commanded all the same: its states tell that it has stopped, if not why.
+//! A thread of its own connects and listens, so that states and commands never wait for it. A robot that cannot be heard is commanded all the same: its states tell
+//! that it has stopped, if not why. That is told, once, and tried again.
 
+use crate::socket::receive;
 use std::fmt;
-use std::io::{ErrorKind, Read};
+use std::io::ErrorKind;
 use std::net::{IpAddr, SocketAddr, TcpStream};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::thread::JoinHandle;
 use std::time::Duration;
 
 /// The port, by the maker's documentation.
 pub const PORT: u16 = 30_001;
 /// The type of packages that are messages.
 pub const MESSAGE: u8 = 20;
+/// The type of packages that are states, which come ten times a second.
+pub const ROBOT_STATE: u8 = 16;
 /// Longest package that is taken, bytes: chosen by hand, ten times what a controller sends of its state.
 const LONGEST: usize = 20_000;
 /// Longest text that is kept, bytes: chosen by hand, some lines.
@@ -29,6 +32,10 @@ const LONGEST_TEXT: usize = 300;
 const WAITING: usize = 16;
 /// So often the thread looks whether it shall end. Chosen by hand: nobody waits longer for the end of a driver.
 const LOOKS: Duration = Duration::from_millis(100);
+/// Longest wait for a connection, and for something to be said. Chosen by hand: a controller tells its state ten times a second.
+const PATIENCE: Duration = Duration::from_secs(2);
+/// Time until a connection that was lost, or not to be had, is tried anew. Chosen by hand: a controller that boots needs longer, and nothing waits for it.
+const PAUSE: Duration = Duration::from_secs(5);
 /// Levels of errors, by the maker's protocol, from which on something has stopped: 2 warning (protective stops are), 3 violation, 4 fault, 5 critical fault.
 const WARNING: i32 = 2;
 /// Levels from here on are those of the maker's developers.
@@ -102,29 +109,61 @@ fn printable(text: &str) -> String {
     text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect::<String>().trim().to_owned()
 }
 
+/// What is to be told about the way to the controller's words.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum ListenerNotice {
+    /// They cannot be had.
+    Deaf {
+        /// Where they were looked for.
+        address: SocketAddr,
+        /// Why there are none.
+        cause: String,
+    },
+    /// They come again.
+    HearsAgain,
+}
+
+impl fmt::Display for ListenerNotice {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Deaf { address, cause } => write!(
+                f,
+                "what the robot's controller says cannot be heard ({address}: {cause}): when it stops the arm, its own words and their number will \
+                 be missing. Let port {PORT} through between here and the robot, and switch on its primary interface (Settings, Security); it is \
+                 tried again every {} s",
+                PAUSE.as_secs()
+            ),
+            Self::HearsAgain => f.write_str("what the robot's controller says is heard again"),
+        }
+    }
+}
+
 /// Listens to a controller until it is dropped.
 #[derive(Debug)]
 pub struct MessageListener {
     messages: Mutex<Receiver<ControllerMessage>>,
+    notices: Mutex<Receiver<ListenerNotice>>,
     ends: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
 }
 
 impl MessageListener {
-    /// Connects within `patience`.
+    /// Begins to listen in a thread of its own, which also connects: nobody waits for it, at the end neither.
     ///
     /// # Errors
-    /// When nobody is there.
-    pub fn connect(host: IpAddr, patience: Duration) -> std::io::Result<Self> {
-        let stream = TcpStream::connect_timeout(&SocketAddr::new(host, PORT), patience)?;
-        stream.set_read_timeout(Some(LOOKS))?;
-        let (sender, messages) = sync_channel(WAITING);
+    /// When there is no thread to be had.
+    pub fn start(host: IpAddr) -> std::io::Result<Self> {
+        let (messages_sender, messages) = sync_channel(WAITING);
+        let (notices_sender, notices) = sync_channel(WAITING);
         let ends = Arc::new(AtomicBool::new(false));
-        let asked = Arc::clone(&ends);
-        let thread = std::thread::Builder::new()
-            .name("ur-messages".into())
-            .spawn(move || listen(stream, &asked, &sender))?;
-        Ok(Self { messages: Mutex::new(messages), ends, thread: Some(thread) })
+        let ear = Ear {
+            address: SocketAddr::new(host, PORT),
+            messages: messages_sender,
+            notices: notices_sender,
+            ends: Arc::clone(&ends),
+            is_deaf: false,
+        };
+        std::thread::Builder::new().name("ur-messages".into()).spawn(move || ear.listen())?;
+        Ok(Self { messages: Mutex::new(messages), notices: Mutex::new(notices), ends })
     }
 
     /// The next message that has come.
@@ -132,49 +171,91 @@ impl MessageListener {
     pub fn next(&self) -> Option<ControllerMessage> {
         self.messages.lock().unwrap_or_else(PoisonError::into_inner).try_recv().ok()
     }
+
+    /// What is newly to be told about the way to them.
+    #[must_use]
+    pub fn notice(&self) -> Option<ListenerNotice> {
+        self.notices.lock().unwrap_or_else(PoisonError::into_inner).try_recv().ok()
+    }
 }
 
 impl Drop for MessageListener {
     fn drop(&mut self) {
         self.ends.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
     }
 }
 
-/// Takes packages until the end, or until the controller is gone or speaks otherwise.
-fn listen(mut stream: TcpStream, ends: &AtomicBool, sender: &SyncSender<ControllerMessage>) {
-    let mut waiting = Vec::new();
-    let mut piece = [0; 4096];
-    while !ends.load(Ordering::Relaxed) {
-        match stream.read(&mut piece) {
-            Ok(0) => return,
-            Ok(count) => waiting.extend_from_slice(piece.get(..count).unwrap_or_default()),
-            Err(e)
-                if matches!(
-                    e.kind(),
-                    ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted
-                ) =>
-            {
-                continue;
+/// The thread's end of a listener.
+struct Ear {
+    address: SocketAddr,
+    messages: SyncSender<ControllerMessage>,
+    notices: SyncSender<ListenerNotice>,
+    ends: Arc<AtomicBool>,
+    /// Whether it was told that nothing is heard.
+    is_deaf: bool,
+}
+
+impl Ear {
+    fn listen(mut self) {
+        while !self.ends() {
+            let connected = TcpStream::connect_timeout(&self.address, PATIENCE);
+            let Err(cause) = connected.and_then(|stream| self.hear(stream)) else { return };
+            if !std::mem::replace(&mut self.is_deaf, true) {
+                self.tell(ListenerNotice::Deaf { address: self.address, cause: cause.to_string() });
             }
-            Err(_) => return,
-        }
-        while let Some(length) = waiting.first_chunk().map(|bytes| u32::from_be_bytes(*bytes) as usize) {
-            if !(5..=LONGEST).contains(&length) {
-                return;
-            }
-            if waiting.len() < length {
-                break;
-            }
-            let package: Vec<u8> = waiting.drain(..length).collect();
-            if let (Some(&MESSAGE), Some(payload)) = (package.get(4), package.get(5..))
-                && let Some(message) = message(payload)
-            {
-                let _ = sender.try_send(message);
+            let mut waited = Duration::ZERO;
+            while waited < PAUSE && !self.ends() {
+                std::thread::sleep(LOOKS);
+                waited += LOOKS;
             }
         }
+    }
+
+    fn ends(&self) -> bool {
+        self.ends.load(Ordering::Relaxed)
+    }
+
+    /// What is not fetched is lost.
+    fn tell(&self, notice: ListenerNotice) {
+        let _ = self.notices.try_send(notice);
+    }
+
+    /// Takes packages until the end, or until the controller is gone, is silent or speaks otherwise.
+    fn hear(&mut self, mut stream: TcpStream) -> std::io::Result<()> {
+        stream.set_read_timeout(Some(LOOKS))?;
+        let mut waiting = Vec::new();
+        let mut piece = [0; 4096];
+        let mut silence = Duration::ZERO;
+        while !self.ends() {
+            if let Some(count) = receive(&mut stream, &mut piece)? {
+                silence = Duration::ZERO;
+                waiting.extend_from_slice(piece.get(..count).unwrap_or_default());
+            } else {
+                silence += LOOKS;
+                if silence >= PATIENCE {
+                    return Err(std::io::Error::new(ErrorKind::TimedOut, "it says nothing"));
+                }
+            }
+            while let Some(length) = waiting.first_chunk().map(|bytes| u32::from_be_bytes(*bytes) as usize) {
+                if !(5..=LONGEST).contains(&length) {
+                    let words = "what it says is no package of the primary interface";
+                    return Err(std::io::Error::new(ErrorKind::InvalidData, words));
+                }
+                if waiting.len() < length {
+                    break;
+                }
+                let package: Vec<u8> = waiting.drain(..length).collect();
+                if std::mem::take(&mut self.is_deaf) {
+                    self.tell(ListenerNotice::HearsAgain);
+                }
+                if let (Some(&MESSAGE), Some(payload)) = (package.get(4), package.get(5..))
+                    && let Some(message) = message(payload)
+                {
+                    let _ = self.messages.try_send(message);
+                }
+            }
+        }
+        Ok(())
     }
 }
 

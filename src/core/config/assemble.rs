@@ -26,9 +26,11 @@ use crate::vision::TaughtViewError;
 use nalgebra::{SVector, Vector2};
 use thiserror::Error;
 
+mod effort_rates;
 mod stereo;
 mod vision;
 
+pub use effort_rates::within_effort_rates;
 pub use stereo::{stereo_set_point, stereo_vision, taught_points, taught_view};
 use vision::measurement_faults;
 pub use vision::{carrier, target_set, vision};
@@ -335,7 +337,7 @@ pub fn control_loop_with<const N: usize>(
     };
     let is_recorded = config.drive.kind == DriveKind::Replay;
     let settings = ControllerSettings {
-        effort_rise: config.motion.effort_rise,
+        effort_rate: effort_rates::effort_rate(config, &robot),
         start_tolerance: config.start.tolerance,
         // A recorded arm was where it was.
         may_start_elsewhere: config.start.elsewhere || is_recorded,

@@ -167,6 +167,8 @@ pub struct Motion {
     pub controller: JointControl,
     /// Time in which the effort of a joint may rise from zero to its largest.
     pub effort_rise: SpanNs,
+    /// How quickly the drive takes torques, N m/s or N/s of each joint; empty where it does not tell, and before it is connected.
+    pub effort_rates: Vec<f64>,
     /// Natural frequency of the joint controller, rad/s.
     pub natural_frequency_rad_s: f64,
     /// Damping ratio of the joint controller.

@@ -85,7 +85,7 @@ impl<const N: usize> ControlLoop<N> {
         self.sensed = self.drive.read(now);
         self.controller.hear_torque(self.drive.measured_torque());
         if self.drive.health().is_old {
-            self.controller.follow_anew();
+            self.controller.hear_old_state();
             self.inputs |= trace_flag::LATE_STATE;
         }
         if self.drive.is_over() {

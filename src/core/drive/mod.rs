@@ -29,6 +29,7 @@ mod recorded;
 mod simulated;
 mod standstill;
 mod surroundings;
+mod timing;
 mod torque_contents;
 
 pub use delay::MAX_DELAY;
@@ -45,6 +46,7 @@ pub use recorded::{NextState, RecordedDrive, RecordedMotion};
 pub use simulated::{SimulatedDrive, SimulatedDriveError, SimulatedDriveSettings};
 pub use standstill::StandstillDrive;
 pub use surroundings::{Jam, Push, Surroundings, Wall};
+pub use timing::DriveTiming;
 pub use torque_contents::TorqueContents;
 
 use crate::messages::RobotState;

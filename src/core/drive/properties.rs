@@ -3,7 +3,7 @@
 //! ```text
 //! period_ms 2                     from state to state
 //! watchdog_ms 100                 without a command for so long it stops the arm
-//! effort_rate 1000 1000 ...       N m/s or N/s of each joint
+//! effort_rate 1000 1000 ...       N m/s or N/s of each joint: control's torques rise no more quickly
 //! ```
 //! Each line may be left out, and lines that are not known here belong to later versions.
 
@@ -47,6 +47,16 @@ pub enum DrivePropertiesError {
     Period {
         /// From one to the next, ms.
         period_ms: f64,
+    },
+    /// It has rates for another number of joints.
+    #[error(
+        "the drive takes torques at the rates of {told} joints, and the robot has {joints} (`effort_rate` on drive/text)"
+    )]
+    Rates {
+        /// Rates that it tells.
+        told: usize,
+        /// Joints of the robot file.
+        joints: usize,
     },
     /// It stops the arm between two commands.
     #[error(
@@ -93,11 +103,14 @@ impl DriveProperties {
         Ok(told)
     }
 
-    /// That control can command such a drive.
+    /// That control can command such a drive of so many joints.
     ///
     /// # Errors
-    /// When its states come too seldom, or it stops the arm between two commands.
-    pub fn check(&self) -> Result<(), DrivePropertiesError> {
+    /// When its states come too seldom, it stops the arm between two commands, or its rates are of other joints.
+    pub fn check(&self, joints: usize) -> Result<(), DrivePropertiesError> {
+        if !self.effort_rate.is_empty() && self.effort_rate.len() != joints {
+            return Err(DrivePropertiesError::Rates { told: self.effort_rate.len(), joints });
+        }
         let ms = |span: SpanNs| span.as_s() * 1e3;
         let period = self.period.unwrap_or(TICK);
         // A span is whole nanoseconds, and a drive tells a rounded number.
@@ -114,15 +127,6 @@ impl DriveProperties {
             }),
             _ => Ok(()),
         }
-    }
-
-    /// The `motion.effort_rise_ms` that keeps to the drive's rates where `rise` does not, for joints with these largest efforts, N m or N.
-    #[must_use]
-    pub fn slower_rise_ms(&self, efforts: &[f64], rise: SpanNs) -> Option<f64> {
-        let needed =
-            efforts.iter().zip(&self.effort_rate).map(|(effort, rate)| effort / rate).fold(0.0, f64::max);
-        // What differs by less is rounding of the run file.
-        (needed > 1.01 * rise.as_s()).then(|| (needed * 1e3).ceil())
     }
 }
 
@@ -149,7 +153,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn told(text: &str) -> Result<(), DrivePropertiesError> {
-        DriveProperties::parse(text)?.check()
+        DriveProperties::parse(text)?.check(2)
     }
 
     #[test]
@@ -175,11 +179,10 @@ mod tests {
     }
 
     #[test]
-    fn torques_that_rise_too_quickly_are_told_with_a_slower_rise() {
-        let drive = DriveProperties { effort_rate: vec![1000.0, 1000.0], ..DriveProperties::default() };
-        assert_eq!(drive.slower_rise_ms(&[87.0, 12.0], SpanNs::from_s(0.01)), Some(87.0));
-        assert_eq!(drive.slower_rise_ms(&[87.0, 12.0], SpanNs::from_s(0.087)), None);
-        assert_eq!(DriveProperties::default().slower_rise_ms(&[87.0], SpanNs(0)), None);
+    fn rates_are_those_of_every_joint() {
+        assert_eq!(told("effort_rate 1000 1000"), Ok(()));
+        let words = told("effort_rate 1000").unwrap_err().to_string();
+        assert!(words.contains("of 1 joints") && words.contains("has 2"), "{words}");
     }
 
     proptest! {

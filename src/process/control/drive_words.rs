@@ -18,8 +18,8 @@ pub(super) struct DriveWords {
     /// The joints of the robot file.
     robot: Vec<String>,
     has_names: bool,
-    /// Largest efforts of its joints and the time in which they may rise; none where no torques are commanded.
-    efforts: Option<(Vec<f64>, SpanNs)>,
+    /// Whether torques are commanded.
+    is_torque: bool,
     /// What the drive told of itself.
     properties: DriveProperties,
     /// The newest words, and whether they were handed on.
@@ -37,10 +37,7 @@ impl DriveWords {
             texts: services.drive_text_receiver()?,
             robot: config.robot.joints.iter().map(|joint| joint.name.clone()).collect(),
             has_names: false,
-            efforts: (config.drive.mode == CommandMode::Torque).then(|| {
-                let efforts = config.robot.joints.iter().map(|joint| joint.limits.effort).collect();
-                (efforts, config.motion.effort_rise)
-            }),
+            is_torque: config.drive.mode == CommandMode::Torque,
             properties: DriveProperties::default(),
             words: DriveTextMsg::default(),
             is_new: false,
@@ -63,7 +60,7 @@ impl DriveWords {
                         (self.words, self.is_new, self.to_log) = (text, true, true);
                     }
                 }
-                text_kind::PROPERTIES => self.take_properties(&DriveProperties::parse(&text.text())?)?,
+                text_kind::PROPERTIES => self.take_properties(DriveProperties::parse(&text.text())?)?,
                 _ => {} // of a later version
             }
         }
@@ -71,21 +68,23 @@ impl DriveWords {
         Ok(())
     }
 
-    /// Refuses a drive that cannot be commanded, and says once what of it acts on the run.
-    fn take_properties(&mut self, told: &DriveProperties) -> Result<(), ProcessError> {
-        told.check()?;
-        if *told == self.properties {
-            return Ok(());
-        }
-        self.properties = told.clone();
-        if let Some((efforts, rise)) = &self.efforts
-            && let Some(slower) = told.slower_rise_ms(efforts, *rise)
-        {
+    /// Refuses a drive that cannot be commanded.
+    fn take_properties(&mut self, told: DriveProperties) -> Result<(), ProcessError> {
+        told.check(self.robot.len())?;
+        let is_first = self.properties == DriveProperties::default();
+        if self.is_torque && !is_first && told.effort_rate != self.properties.effort_rate {
             warn!(
-                "torques may rise more quickly than the drive takes them, which holds them back itself: motion.effort_rise_ms = {slower} keeps to its limits"
+                "the drive takes torques at other rates than it told first: those of its first states are kept to"
             );
         }
+        self.properties = told;
         Ok(())
+    }
+
+    /// How quickly the drive takes torques, of each joint, where it tells that and torques are commanded.
+    pub(super) fn effort_rates(&self) -> Option<&[f64]> {
+        let rates = self.properties.effort_rate.as_slice();
+        (self.is_torque && !rates.is_empty()).then_some(rates)
     }
 
     fn log(&mut self) {

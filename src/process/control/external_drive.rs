@@ -197,6 +197,11 @@ impl DrivePorts<'_> {
         Ok(())
     }
 
+    /// How quickly the drive takes torques, once it is connected.
+    pub(super) fn effort_rates(&self) -> Option<&[f64]> {
+        self.words.effort_rates()
+    }
+
     /// Lockstep: sends what the drive core wants sent, all of it: one command that does not get through keeps none back.
     pub(super) fn send(&mut self) -> Result<(), ProcessError> {
         let mut sent = Ok(());

@@ -29,10 +29,11 @@ use super::{Membership, ProcessError, ReportFolder, StopFlag};
 use crate::calibration::load::LoadRecording;
 use crate::calibration::{KnownCell, Recording, stamp_offset};
 use crate::config::Config;
-use crate::config::assemble::{control_loop, control_loop_with};
+use crate::config::assemble::{control_loop, control_loop_with, require_controllable, within_effort_rates};
 use crate::config::{Clock, Task};
 use crate::control::outcome::{Finish, Outcome};
 use crate::control::trace::Trace;
+use crate::drive::ExternalDrive;
 use crate::ipc::{Instance, QuietSender, Receiver, Role, Sender, WakeListener};
 use crate::messages::{CameraId, JointState, Measurement, RequestMsg, Status, TraceMsg};
 use crate::mission::LockstepRun;
@@ -47,11 +48,12 @@ use crate::sim::preflight::Preflight;
 use crate::time::SpanNs;
 use camera_watch::CameraWatch;
 use commands::Commands;
+use external_drive::DrivePorts;
 use nalgebra::Vector2;
 use std::collections::BTreeMap;
 use std::time::Duration;
 use stops::Stops;
-use tracing::debug_span;
+use tracing::{debug_span, info, warn};
 
 /// Of a run whose last trace does not say how it ended: there is no such run.
 const WITHOUT_AN_END: Finish = Finish { outcome: Outcome::Stopped, reason: "the run ended without a reason" };
@@ -165,6 +167,12 @@ impl Pace {
     }
 }
 
+/// Control and mission, or what they are made of once a drive is connected.
+enum Assembly<const N: usize> {
+    Done(Box<LockstepRun<N>>),
+    AwaitsDrive(Box<ExternalDrive<N>>, Box<Robot<N>>),
+}
+
 fn run_robot<const N: usize>(
     config: &Config,
     robot: Robot<N>,
@@ -176,15 +184,16 @@ fn run_robot<const N: usize>(
     let membership = Membership::join(instance, Role::Control, config)?;
     let stops = Stops::new(stop.clone(), instance.make_stop_word()?, config.serve);
     let stability = Preflight::of(config).ok().and_then(|preflight| preflight.stability);
+    require_controllable(config)?;
+    // Before the ports: camera and vision begin with those. An external drive tells what its torques may do when it is connected, so that its control is assembled after that.
     let recorded = recorded_drive::open::<N>(config)?;
-    let (mut control, mut drive) = match (external_drive::open::<N>(config, &membership)?, recorded) {
-        (Some((drive, ports)), _) => (control_loop_with(config, robot, Box::new(drive))?, Some(ports)),
-        (None, Some(drive)) => (control_loop_with(config, robot, Box::new(drive))?, None),
-        (None, None) => (control_loop(config, robot)?, None),
+    let (assembly, mut drive) = match (external_drive::open::<N>(config, &membership)?, recorded) {
+        (Some((drive, ports)), _) => (Assembly::AwaitsDrive(Box::new(drive), Box::new(robot)), Some(ports)),
+        (None, Some(drive)) => {
+            (Assembly::Done(Box::new(control_loop_with(config, robot, Box::new(drive))?)), None)
+        }
+        (None, None) => (Assembly::Done(Box::new(control_loop(config, robot)?)), None),
     };
-    if let Some(stability) = &stability {
-        control.mission.set_stability(stability.slowest());
-    }
     let ports = Ports::open(&membership, config.camera.id)?;
     let mut commands = Commands::new(membership.services().command_server()?, config.serve);
     let camera = CameraWatch::open(membership.services(), config)?;
@@ -194,6 +203,17 @@ fn run_robot<const N: usize>(
     membership.services().require_room_for_peers()?;
     if let Some(drive) = &mut drive {
         drive.connect(config, &stops, &mut commands)?;
+    }
+    let mut control = match assembly {
+        Assembly::Done(control) => *control,
+        Assembly::AwaitsDrive(external, robot) => {
+            let rates = drive.as_ref().and_then(DrivePorts::effort_rates);
+            let slower = rates.map(|rates| within_rates(config, &robot, rates));
+            control_loop_with(slower.as_ref().unwrap_or(config), *robot, external)?
+        }
+    };
+    if let Some(stability) = &stability {
+        control.mission.set_stability(stability.slowest());
     }
     instance.reserve()?;
     let start = now();
@@ -223,6 +243,20 @@ fn run_robot<const N: usize>(
         run_files::write(folder, config, &control, history, &membership);
     }
     Ok(summary)
+}
+
+/// The configuration with which torques rise no more quickly than the drive takes them.
+fn within_rates<const N: usize>(config: &Config, robot: &Robot<N>, rates: &[f64]) -> Config {
+    let (slower, share) = within_effort_rates(config, robot, rates);
+    let rates = rates.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
+    info!("torques rise by no more than the drive takes: {rates} N m/s or N/s");
+    if share < 1.0 {
+        warn!(
+            "the drive takes torques slowly: the reference moves with {:.0} % of motion.max_jerk_rad_s3_or_m_s3",
+            100.0 * share
+        );
+    }
+    slower
 }
 
 /// Works out what a calibration run was for. Without a result the run counts as one that did not reach its goal.

@@ -186,6 +186,11 @@ impl Core {
         self.messages.push([&length[..], &payload].concat());
     }
 
+    /// Whether the primary interface is not served now.
+    pub(super) fn is_primary_silent(&self) -> bool {
+        self.faults.silent_primary_until_s.is_some_and(|until| self.time_s < until)
+    }
+
     /// One cycle.
     pub(super) fn step(&mut self) {
         let dt_s = self.period_s();

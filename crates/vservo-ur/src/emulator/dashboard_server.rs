@@ -2,7 +2,8 @@
 
 use super::{Shared, accept};
 use crate::RuntimeState;
-use std::io::{ErrorKind, Read, Write};
+use crate::socket::receive;
+use std::io::Write;
 use std::net::{TcpListener, TcpStream};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -38,16 +39,8 @@ fn talk(shared: &Shared, mut stream: TcpStream) {
     }
     while !shared.ends.load(Ordering::Relaxed) {
         let mut piece = [0; 256];
-        match stream.read(&mut piece) {
-            Ok(0) => return,
-            Ok(count) => waiting.extend_from_slice(piece.get(..count).unwrap_or_default()),
-            Err(e)
-                if matches!(
-                    e.kind(),
-                    ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted
-                ) => {}
-            Err(_) => return,
-        }
+        let Ok(count) = receive(&mut stream, &mut piece) else { return };
+        waiting.extend_from_slice(piece.get(..count.unwrap_or(0)).unwrap_or_default());
         while let Some(end) = waiting.iter().position(|byte| *byte == b'\n') {
             let line: Vec<u8> = waiting.drain(..=end).collect();
             let line = String::from_utf8_lossy(&line);

@@ -62,6 +62,8 @@ pub enum Fault {
     LocalControl,
     /// The dashboard does not answer.
     SilentDashboard,
+    /// The primary interface is not served for some time, s: clients are dropped, and new ones hear nothing.
+    SilentPrimaryFor(f64),
     /// The speed slider is moved.
     Slider(f64),
     /// States are lost: two of three.
@@ -69,7 +71,7 @@ pub enum Fault {
 }
 
 /// Words of faults, for command lines.
-const WORDS: [(&str, Fault); 25] = [
+const WORDS: [(&str, Fault); 26] = [
     ("protective-stop", Fault::Stop(SafetyMode::ProtectiveStop)),
     ("emergency-stop", Fault::Stop(SafetyMode::RobotEmergencyStop)),
     ("safeguard-stop", Fault::Stop(SafetyMode::SafeguardStop)),
@@ -94,6 +96,7 @@ const WORDS: [(&str, Fault); 25] = [
     ("registers-in-use", Fault::RegistersInUse),
     ("local-control", Fault::LocalControl),
     ("silent-dashboard", Fault::SilentDashboard),
+    ("silent-primary", Fault::SilentPrimaryFor(f64::INFINITY)),
     ("lose-states", Fault::LoseStates),
 ];
 
@@ -135,6 +138,8 @@ pub(super) struct Faults {
     pub(super) unknown_variables: bool,
     pub(super) silent_setup: bool,
     pub(super) silent_dashboard: bool,
+    /// Until when, by the robot's clock, s.
+    pub(super) silent_primary_until_s: Option<f64>,
     pub(super) lose_states: bool,
     /// RTDE connections that began before this number are reset.
     pub(super) reset_before: u64,

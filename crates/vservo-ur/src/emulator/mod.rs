@@ -210,6 +210,7 @@ impl Emulator {
             Fault::SilentSetup => core.faults.silent_setup = true,
             Fault::LocalControl => core.remote_control = false,
             Fault::SilentDashboard => core.faults.silent_dashboard = true,
+            Fault::SilentPrimaryFor(s) => core.faults.silent_primary_until_s = Some(core.time_s + s),
             Fault::Slider(share) => core.slider = share.clamp(0.0, 1.0),
             Fault::LoseStates => core.faults.lose_states = true,
         }

@@ -4,8 +4,10 @@ use super::core::{Inputs, REGISTERS};
 use super::motion::Motion;
 use super::{Shared, accept, interpreter, syntax, ur_rtde};
 use crate::RuntimeState;
+use crate::primary;
 use crate::program::{Payload, TorqueInterface};
-use std::io::{ErrorKind, Read, Write};
+use crate::socket::receive;
+use std::io::Write;
 use std::net::{TcpListener, TcpStream};
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, PoisonError};
@@ -30,13 +32,17 @@ pub(super) enum End {
 }
 
 /// Takes programs until the emulator ends.
-/// On the primary interface they are told messages.
+/// On the primary interface they are told messages, and states ten times a second, which are empty.
 pub(super) fn serve(shared: &Arc<Shared>, listener: &TcpListener, is_primary: bool) {
     let mut threads = Vec::new();
-    while let Some(stream) = accept(shared, listener) {
+    loop {
+        while is_primary && shared.core().is_primary_silent() && !shared.ends.load(Ordering::Relaxed) {
+            std::thread::sleep(STILL);
+        }
+        let Some(stream) = accept(shared, listener) else { break };
         let own = Arc::clone(shared);
         let thread = std::thread::Builder::new().name("ur-program-client".into());
-        threads.extend(thread.spawn(move || receive(&own, stream, is_primary)).ok());
+        threads.extend(thread.spawn(move || take_programs(&own, stream, is_primary)).ok());
         threads.retain(|thread| !thread.is_finished());
     }
     for thread in threads {
@@ -45,48 +51,36 @@ pub(super) fn serve(shared: &Arc<Shared>, listener: &TcpListener, is_primary: bo
 }
 
 /// Reads programs from one client. Each is run by a thread of its own, which the next one ends.
-fn receive(shared: &Arc<Shared>, mut stream: TcpStream, is_primary: bool) {
+fn take_programs(shared: &Arc<Shared>, mut stream: TcpStream, is_primary: bool) {
     let mut told = {
         let core = shared.core();
         core.messages_gone + core.messages.len()
     };
     let mut text = Vec::new();
     let mut threads = Vec::new();
+    let mut state_due = 0;
     let mut open = stream.set_read_timeout(Some(STILL)).is_ok();
     while open && !shared.ends.load(Ordering::Relaxed) {
         if is_primary {
-            let packages = {
+            let (packages, is_silent) = {
                 let core = shared.core();
                 let from = told.saturating_sub(core.messages_gone);
                 told = core.messages_gone + core.messages.len();
-                core.messages.get(from..).unwrap_or_default().concat()
+                let mut packages = core.messages.get(from..).unwrap_or_default().concat();
+                if core.cycle >= state_due {
+                    state_due = core.cycle + (0.1 / core.period_s()) as u64;
+                    packages.extend_from_slice(&[0, 0, 0, 5, primary::ROBOT_STATE]);
+                }
+                (packages, core.is_primary_silent())
             };
-            open &= stream.write_all(&packages).is_ok();
+            open &= !is_silent && stream.write_all(&packages).is_ok();
         }
         let mut piece = [0; 4096];
-        let still = match stream.read(&mut piece) {
-            Ok(0) => {
-                open = false;
-                true
-            }
-            Ok(count) => {
-                text.extend_from_slice(piece.get(..count).unwrap_or_default());
-                false
-            }
-            Err(e)
-                if matches!(
-                    e.kind(),
-                    ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted
-                ) =>
-            {
-                true
-            }
-            Err(_) => {
-                open = false;
-                true
-            }
-        };
-        if still && !text.is_empty() || text.len() > LARGEST {
+        let received = receive(&mut stream, &mut piece);
+        open &= received.is_ok();
+        let count = received.ok().flatten();
+        text.extend_from_slice(piece.get(..count.unwrap_or(0)).unwrap_or_default());
+        if count.is_none() && !text.is_empty() || text.len() > LARGEST {
             let program = String::from_utf8_lossy(&std::mem::take(&mut text)).into_owned();
             let own = Arc::clone(shared);
             let thread = std::thread::Builder::new().name("ur-program".into());

@@ -5,7 +5,8 @@ use super::faults::Pieces;
 use super::variables::{self, Sink, Source};
 use super::{Shared, accept};
 use crate::rtde::{Framer, PROTOCOL_VERSION, Package, PackageType, Reader, Writer};
-use std::io::{ErrorKind, Read, Write};
+use crate::socket::receive;
+use std::io::Write;
 use std::net::{TcpListener, TcpStream};
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -132,16 +133,8 @@ impl Client {
 fn listen(shared: &Arc<Shared>, client: &Mutex<Client>, mut stream: TcpStream) {
     let mut framer = Framer::default();
     while !shared.ends.load(Ordering::Relaxed) {
-        match stream.read(framer.room()) {
-            Ok(0) => break,
-            Ok(count) => framer.filled(count),
-            Err(e)
-                if matches!(
-                    e.kind(),
-                    ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted
-                ) => {}
-            Err(_) => break,
-        }
+        let Ok(count) = receive(&mut stream, framer.room()) else { break };
+        framer.filled(count.unwrap_or(0));
         loop {
             match framer.next() {
                 Ok(Some(package)) => obey(shared, client, package),

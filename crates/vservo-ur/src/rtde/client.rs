@@ -5,8 +5,9 @@ use super::recipe::{Recipe, SetupReply};
 use super::wire::{PackageType, Reader, WireError, Writer};
 use super::{PORT, PROTOCOL_VERSION};
 use crate::robot::Version;
+use crate::socket::receive;
 use crate::{Clock, UrError};
-use std::io::{ErrorKind, Read, Write};
+use std::io::Write;
 use std::net::{IpAddr, SocketAddr, TcpStream};
 use std::time::Duration;
 
@@ -251,22 +252,10 @@ impl RtdeClient {
             told.map_err(|cause| self.lost(&cause.to_string()))?;
             self.wait = wait;
         }
-        match self.stream.read(self.framer.room()) {
-            Ok(0) => Err(self.lost("end of the stream")),
-            Ok(count) => {
-                self.framer.filled(count);
-                Ok(())
-            }
-            Err(cause)
-                if matches!(
-                    cause.kind(),
-                    ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted
-                ) =>
-            {
-                Ok(())
-            }
-            Err(cause) => Err(self.lost(&cause.to_string())),
-        }
+        let count = receive(&mut self.stream, self.framer.room());
+        let count = count.map_err(|cause| self.lost(&cause.to_string()))?;
+        self.framer.filled(count.unwrap_or(0));
+        Ok(())
     }
 
     fn lost(&self, cause: &str) -> UrError {

@@ -94,6 +94,7 @@ pub(super) fn motion(
         ),
         controller: m.controller,
         effort_rise: check.span_ms("motion.effort_rise_ms", m.effort_rise_ms, 0.1..=10_000.0),
+        effort_rates: Vec::new(),
         natural_frequency_rad_s: check.range(
             "motion.natural_frequency_rad_s",
             m.natural_frequency_rad_s,

@@ -37,7 +37,7 @@ impl<const N: usize> Controller<N> {
         let command = self.gate.passed();
         let did = observed.filter(|_| self.gate.is_open()).map(|state| (state, &command));
         let measured = self.measured_torque.as_ref();
-        self.contact_watch.note(now, &self.arm.robot, &mut self.joint_control, did, measured);
+        self.contact_watch.note((now, self.timing), &self.arm.robot, &mut self.joint_control, did, measured);
         if !self.obeys {
             return;
         }

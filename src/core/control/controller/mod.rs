@@ -31,7 +31,7 @@ use crate::control::safety::{
     ArmWatch, Contact, ContactReaction, ContactWatch, EncoderWatch, Fault, RestWatch,
 };
 use crate::control::trace::{Event, Events};
-use crate::drive::{CommandMode, DriveCommand, DriveState};
+use crate::drive::{CommandMode, DriveCommand, DriveState, DriveTiming};
 use crate::messages::Measurement;
 use crate::motion::{JointController, Limit, Reference, Workspace};
 use crate::servo::VisualServo;
@@ -86,6 +86,9 @@ pub struct Controller<const N: usize> {
     fault: Option<Fault>,
     /// A fault from outside that the next step takes in.
     failure: Option<Fault>,
+    /// Whether the next state of the drive is an old one, and how its states come.
+    is_state_old: bool,
+    timing: DriveTiming,
     watch: ArmWatch<N>,
     encoder_watch: EncoderWatch<N>,
     rest_watch: RestWatch<N>,
@@ -152,6 +155,8 @@ impl<const N: usize> Controller<N> {
             returning: ReturnWatch::default(),
             fault: None,
             failure: None,
+            is_state_old: false,
+            timing: DriveTiming::default(),
             watch: ArmWatch::default(),
             encoder_watch: EncoderWatch::default(),
             rest_watch: RestWatch::default(),
@@ -432,7 +437,7 @@ impl<const N: usize> Controller<N> {
         let behind = self.watch.follow(&state.q, &motion.way);
         // A drive that obeys velocities has no position to be away from: its lag is what it did less than it was told.
         let lag = if self.mode == CommandMode::Velocity { self.watch.lag() } else { distance };
-        let swings = if motion.follows { self.watch.swing(&state.q, &motion.way) } else { None };
+        let swings = if motion.follows { self.watch.swing(&state.q, &motion.way, self.timing) } else { None };
         if lag > self.max_tracking_error { Some(Fault::TrackingError) } else { behind.or(swings) }
     }
 }

@@ -82,11 +82,9 @@ impl<const N: usize> Controller<N> {
         self.speed_share += (share - self.speed_share).clamp(-most, most);
     }
 
-    /// The next state of the drive is an old one: supervision does not take it for a joint that stands, and begins anew where too many come in a row.
-    pub fn follow_anew(&mut self) {
-        self.watch.late();
-        self.encoder_watch.late();
-        self.contact_watch.late();
+    /// The next state of the drive is an old one: supervision does not take it for a joint that stands.
+    pub fn hear_old_state(&mut self) {
+        self.is_state_old = true;
     }
 
     /// The fault, where there is one.

@@ -19,8 +19,9 @@ impl<const N: usize> Controller<N> {
 
     /// The state of the drive, if it is plausible.
     pub(super) fn sense(&mut self, now: MonoNs, drive: &DriveState<N>) -> Option<DriveState<N>> {
+        self.timing.note(std::mem::take(&mut self.is_state_old));
         let believed = self.without_wrong_encoders(now, drive);
-        let wrong = self.watch.note(now, drive, &believed, &self.arm.limits);
+        let wrong = self.watch.note(now, drive, &believed, &self.arm.limits, self.timing);
         if let Some(fault) = wrong {
             self.fail(fault);
         }
@@ -68,8 +69,13 @@ impl<const N: usize> Controller<N> {
             inertia: *self.joint_control.inertia(),
             coulomb: SVector::from_fn(|i, _| friction[i].coulomb),
         };
-        let (believed, fault) =
-            self.encoder_watch.take(now, drive, &self.reference.state().q, expected.as_ref(), &traits);
+        let (believed, fault) = self.encoder_watch.take(
+            (now, self.timing),
+            drive,
+            &self.reference.state().q,
+            expected.as_ref(),
+            &traits,
+        );
         if let Some(fault) = fault {
             self.fail(fault);
         }

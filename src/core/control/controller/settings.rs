@@ -8,8 +8,10 @@ use crate::control::trace::Events;
 use crate::drive::{CommandMode, DriveCommand};
 use crate::motion::{ActingLimits, JointController, SpaceLimit, WorkspaceSettings};
 use crate::servo::MeasurementVerdict;
-use crate::time::SpanNs;
 use nalgebra::SVector;
+
+/// Time in which the effort of a joint may rise from zero to its largest, s. Chosen by hand: that of the default run file (`motion.effort_rise_ms`).
+const EFFORT_RISE_S: f64 = 0.01;
 
 /// Settings of a controller.
 #[derive(Debug, Clone)]
@@ -20,8 +22,8 @@ pub struct ControllerSettings<const N: usize> {
     pub joint_control: JointController<N>,
     /// What the drive obeys.
     pub mode: CommandMode,
-    /// Time in which the effort of a joint may rise from zero to its largest.
-    pub effort_rise: SpanNs,
+    /// Largest change of each joint's effort in a second, N m/s or N/s.
+    pub effort_rate: SVector<f64, N>,
     /// Start posture of the run file, rad or m.
     pub q_start: SVector<f64, N>,
     /// Largest distance of a joint from there at the start, rad or m.
@@ -50,11 +52,12 @@ impl<const N: usize> ControllerSettings<N> {
         mode: CommandMode,
         q_start: SVector<f64, N>,
     ) -> Self {
+        let limits = arm.robot.limits();
         Self {
+            effort_rate: SVector::from_fn(|i, _| limits[i].effort / EFFORT_RISE_S),
             arm,
             joint_control,
             mode,
-            effort_rise: SpanNs(10_000_000),
             q_start,
             start_tolerance: 0.02,
             may_start_elsewhere: false,
@@ -71,7 +74,7 @@ impl<const N: usize> ControllerSettings<N> {
         let effort = SVector::from_fn(|i, _| limits[i].effort);
         GateSettings {
             effort,
-            effort_rate: effort / self.effort_rise.as_s(),
+            effort_rate: self.effort_rate,
             mode: self.mode,
             // Half of the tracking error at which the supervision ends the run at the latest.
             max_excess: 0.5 * self.max_tracking_error,

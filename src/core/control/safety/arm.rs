@@ -17,7 +17,7 @@
 
 use super::Fault;
 use super::swing::SwingWatch;
-use crate::drive::DriveState;
+use crate::drive::{DriveState, DriveTiming};
 use crate::motion::MotionLimits;
 use crate::time::TICK;
 use crate::time::{MonoNs, SpanNs};
@@ -27,9 +27,6 @@ use nalgebra::SVector;
 const SPEED_WINDOW: usize = 20;
 /// Positions of a moving joint that stay the same for longer arrived late.
 const LATE: SpanNs = SpanNs(2 * TICK.0);
-/// Ticks in a row with an old state over which joints are still supervised: those between two states of a drive at 125 Hz, and one that is late. Positions that are so old are off by 25 mrad at
-/// 3 rad/s, a share of what any of the supervision here allows in its time; chosen by hand.
-pub(super) const LONGEST_HELD: u32 = 8;
 /// Factor of the velocity limit above which a joint is too fast: an arm that lags a little behind catches up.
 const FASTEST: f64 = 1.5;
 /// Factor of the velocity limit above which a single reading is implausible.
@@ -69,9 +66,6 @@ pub struct ArmWatch<const N: usize> {
     filled: usize,
     /// The displacement by the velocities.
     glide: Glide<N>,
-    /// The next state is one that came before; how many such came in a row, that of this tick included.
-    is_late: bool,
-    late_in_row: u32,
     follow: Follow<N>,
     swing: SwingWatch<N>,
 }
@@ -87,8 +81,6 @@ impl<const N: usize> Default for ArmWatch<N> {
             next: 0,
             filled: 0,
             glide,
-            is_late: false,
-            late_in_row: 0,
             follow: Follow::default(),
             swing: SwingWatch::default(),
         }
@@ -96,17 +88,17 @@ impl<const N: usize> Default for ArmWatch<N> {
 }
 
 impl<const N: usize> ArmWatch<N> {
-    /// Takes in the drive's state at `now`, and what is [believed](super::EncoderWatch) of it; returns its fault. An implausible state is not remembered.
+    /// Takes in the drive's state at `now`, what is [believed](super::EncoderWatch) of it, and whether it is a new one; returns its fault. An implausible state is not remembered.
     pub fn note(
         &mut self,
         now: MonoNs,
         reported: &DriveState<N>,
         state: &DriveState<N>,
         limits: &MotionLimits<N>,
+        timing: DriveTiming,
     ) -> Option<Fault> {
-        let was_late = std::mem::take(&mut self.is_late);
-        self.late_in_row = if was_late { self.late_in_row.saturating_add(1) } else { 0 };
-        if self.late_in_row > LONGEST_HELD {
+        // Where none comes for long, what there is tells nothing of how joints follow.
+        if timing.tells_nothing() {
             self.restart();
         }
         if !reported.q.iter().chain(reported.qd.iter()).all(|x| x.is_finite()) {
@@ -136,7 +128,7 @@ impl<const N: usize> ArmWatch<N> {
                 self.filled = 0;
             }
         }
-        if !was_late && self.glide.contradicts(now, state) {
+        if !timing.is_old() && self.glide.contradicts(now, state) {
             return Some(Fault::DriveStateImplausible);
         }
         let place = self.recent.get_mut(self.next)?;
@@ -164,14 +156,13 @@ impl<const N: usize> ArmWatch<N> {
     }
 
     /// Takes in the joint positions and the displacement of their reference in this tick, rad or m; `Some` when a joint oscillates.
-    pub fn swing(&mut self, q: &SVector<f64, N>, way: &SVector<f64, N>) -> Option<Fault> {
-        self.swing.note(q, way, self.late_in_row > 0).then_some(Fault::Oscillates)
-    }
-
-    /// The next state is an old one, since no new one has come: as in every other tick of a drive at 500 Hz. Where none comes for longer, what there is tells nothing of how joints
-    /// follow, and the supervision begins anew.
-    pub fn late(&mut self) {
-        self.is_late = true;
+    pub fn swing(
+        &mut self,
+        q: &SVector<f64, N>,
+        way: &SVector<f64, N>,
+        timing: DriveTiming,
+    ) -> Option<Fault> {
+        self.swing.note(q, way, timing.is_old()).then_some(Fault::Oscillates)
     }
 
     /// Restarts the supervision: the arm begins to move, or its reference was reset.

@@ -4,9 +4,8 @@
 //! its own loop seldom tells its torques: there a joint that [falls behind](DriveLagObserver) its commands by more than that drive does by itself is in contact, and where its states carry torques, they are observed beside that. Before every drive a joint that
 //! [is stopped](super::stopped_joint) in its motion is.
 
-use super::arm::LONGEST_HELD;
 use super::stopped_joint::StoppedJointWatch;
-use crate::drive::{CommandMode, DriveCommand, DriveState};
+use crate::drive::{CommandMode, DriveCommand, DriveState, DriveTiming};
 use crate::linalg::Ldlt;
 use crate::motion::{DriveLagObserver, ExternalTorqueObserver, JointController};
 use crate::robot::Robot;
@@ -82,8 +81,6 @@ pub struct ContactWatch<const N: usize> {
     in_a_row: u32,
     /// The last tick that was taken in.
     at: Option<MonoNs>,
-    is_late: bool,
-    late_in_row: u32,
     since: SinceState<N>,
 }
 
@@ -178,8 +175,6 @@ impl<const N: usize> ContactWatch<N> {
             stopped: StoppedJointWatch::default(),
             in_a_row: 0,
             at: None,
-            is_late: false,
-            late_in_row: 0,
             since: SinceState::new(),
         }
     }
@@ -189,7 +184,7 @@ impl<const N: usize> ContactWatch<N> {
     /// they count instead of the commanded ones, because delay, limits and ripple of the motors are in them.
     pub fn note(
         &mut self,
-        now: MonoNs,
+        (now, timing): (MonoNs, DriveTiming),
         robot: &Robot<N>,
         joint_control: &mut JointController<N>,
         did: Option<(&DriveState<N>, &DriveCommand<N>)>,
@@ -200,16 +195,14 @@ impl<const N: usize> ContactWatch<N> {
             model.iter().for_each(|change| observer.change_model(change));
             rotors.iter().for_each(|change| observer.add_rotors(change));
         }
-        let was_late = std::mem::take(&mut self.is_late);
-        self.late_in_row = if was_late { self.late_in_row.saturating_add(1) } else { 0 };
-        let known = did.filter(|_| self.late_in_row <= LONGEST_HELD);
-        let did = did.filter(|_| !was_late);
+        let known = did.filter(|_| !timing.tells_nothing());
+        let did = did.filter(|_| !timing.is_old());
         let before = std::mem::replace(&mut self.at, known.map(|_| now));
         let has_gap = before.is_some_and(|before| now - before > TICK);
         if has_gap {
             self.forget_state();
         }
-        if has_gap || was_late {
+        if has_gap || timing.is_old() {
             joint_control.skip_window();
         }
         // That a joint stands is seen between two states of a slower drive, too.
@@ -257,11 +250,6 @@ impl<const N: usize> ContactWatch<N> {
         }
         let touched = self.excess().max() > CERTAIN;
         self.in_a_row = if touched { self.in_a_row.saturating_add(1) } else { 0 };
-    }
-
-    /// The next state came late.
-    pub fn late(&mut self) {
-        self.is_late = true;
     }
 
     /// Reference and arm were brought together: lags of before do not count.

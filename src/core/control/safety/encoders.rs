@@ -14,7 +14,7 @@
 //! torques have no such reference.
 
 use super::Fault;
-use crate::drive::DriveState;
+use crate::drive::{DriveState, DriveTiming};
 use crate::motion::ReferenceState;
 use crate::time::{MonoNs, SpanNs, TICK};
 use nalgebra::SVector;
@@ -43,12 +43,6 @@ const LIGHT: f64 = 0.5;
 const STEPS: f64 = 2.0;
 /// For how long readings are replaced by what is expected, in ticks. Derived: an acceleration that is unexpected by 10 rad/s^2 makes 4.5 mrad in it, and 0.3 rad/s.
 pub(super) const LONGEST: u32 = 30;
-/// So many old states in a row beyond those that a slower drive always has between two new ones are a gap, in which a drive that hangs may not have obeyed. Chosen by hand: networks are late by one or two.
-const LATE_IN_ROW: u32 = 4;
-/// Old states in a row that the slowest drive has, of 125 Hz: derived, a state in 8 ms.
-const SLOWEST: u32 = 7;
-/// Control that was held up for longer may begin with a state as old, and an arm that did not obey meanwhile: a gap too. Derived: as many ticks.
-const HELD_UP: SpanNs = SpanNs(TICK.0 * LATE_IN_ROW as i64);
 /// After a gap a leap for good is believed and no fault, for so many ticks. Derived: it is told after [`LONGEST`], and may begin as late as that.
 const AFTER_GAP: u32 = 2 * LONGEST;
 /// The longest time between two states of the drive over which a motion is expected. Chosen by hand: after more, 50 rad/s^2 make more than 10 mrad.
@@ -85,10 +79,6 @@ pub struct EncoderWatch<const N: usize> {
     /// What the drive reported last, positions and speeds, and when.
     last: Option<(MonoNs, SVector<f64, N>, SVector<f64, N>)>,
     joints: [EncoderReading; N],
-    is_late: bool,
-    /// Old states in a row, and the fewest between two new ones, as slower drives have them.
-    late_in_row: u32,
-    usual_in_row: u32,
     /// Ticks left in which what the drive did in a gap is not expected of it.
     after_gap: u32,
 }
@@ -118,14 +108,7 @@ impl<const N: usize> Default for EncoderWatch<N> {
             told: 0.0,
             is_distrusted: false,
         };
-        Self {
-            last: None,
-            joints: [reading; N],
-            is_late: false,
-            late_in_row: 0,
-            usual_in_row: u32::MAX,
-            after_gap: 0,
-        }
+        Self { last: None, joints: [reading; N], after_gap: 0 }
     }
 }
 
@@ -134,29 +117,20 @@ impl<const N: usize> EncoderWatch<N> {
     /// Returns the state that is believed, and the fault of encoders that are not believed any longer.
     pub fn take(
         &mut self,
-        now: MonoNs,
+        (now, timing): (MonoNs, DriveTiming),
         drive: &DriveState<N>,
         reference: &SVector<f64, N>,
         expected: Option<&ExpectedMotion<N>>,
         traits: &EncoderTraits<N>,
     ) -> (DriveState<N>, Option<Fault>) {
-        let is_late = std::mem::take(&mut self.is_late);
-        let were_late = self.late_in_row;
-        self.late_in_row = if is_late { were_late.saturating_add(1) } else { 0 };
-        if !is_late && self.last.is_some() {
-            self.usual_in_row = self.usual_in_row.min(were_late);
-        }
-        // Before the first two states nothing is known of the drive.
-        let usual = if self.usual_in_row == u32::MAX { SLOWEST } else { self.usual_in_row };
-        let is_gap = self.late_in_row >= usual + LATE_IN_ROW;
-        self.after_gap = if is_gap { AFTER_GAP } else { self.after_gap.saturating_sub(1) };
+        self.after_gap = if timing.is_gap() { AFTER_GAP } else { self.after_gap.saturating_sub(1) };
         let before = self.last.replace((now, drive.q, drive.qd));
         let (Some((then, last, last_qd)), Some(expected)) = (before, expected) else {
             self.forget(now, reference);
             return (*drive, None);
         };
         let passed = now - then;
-        if passed > HELD_UP {
+        if passed > DriveTiming::HELD_UP {
             self.after_gap = AFTER_GAP;
         }
         if passed > GAP {
@@ -187,18 +161,19 @@ impl<const N: usize> EncoderWatch<N> {
                 let unheard = (now - joint.changed).as_s();
                 joint.changed = now;
                 (joint.reference, joint.told) = (reference[i], 0.0);
-                off > LEAP + OFF_S * f64::from(1 + usual) * qd.abs() + UNEXPECTED * unheard * unheard
+                off > LEAP
+                    + OFF_S * f64::from(timing.usual_ticks()) * qd.abs()
+                    + UNEXPECTED * unheard * unheard
             };
             if !wrong && !joint.is_distrusted {
                 joint.unexplained = 0;
                 continue;
             }
             (believed.q[i], believed.qd[i]) = (q, qd);
-            if joint.is_distrusted || is_late {
+            if joint.is_distrusted || timing.is_old() {
                 continue;
             }
-            // The ticks since the last new state.
-            joint.unexplained += 1 + were_late;
+            joint.unexplained += timing.ticks();
             if joint.unexplained > LONGEST {
                 joint.unexplained = 0;
                 joint.is_distrusted = is_still;
@@ -214,11 +189,6 @@ impl<const N: usize> EncoderWatch<N> {
             }
         }
         (believed, fault)
-    }
-
-    /// The next state came late: that it is the one before tells nothing.
-    pub fn late(&mut self) {
-        self.is_late = true;
     }
 
     /// In a fault: distrusts joints whose readings stayed the same although their `reference` moved. They are believed to be on it; returns the state with them there.

@@ -112,7 +112,7 @@ pub(super) fn properties(log: &DriveLog, findings: &mut TrialFindings) {
     let wrong = match &parsed {
         Err(error) => Some(error.to_string()),
         Ok(all) => all.iter().find_map(|told| {
-            let refused = told.check().err().map(|error| error.to_string());
+            let refused = told.check(log.arm.joints.len()).err().map(|error| error.to_string());
             refused.or_else(|| other_period(log, told.period?))
         }),
     };

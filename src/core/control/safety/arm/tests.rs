@@ -21,7 +21,11 @@ fn state(q: f64, qd: f64) -> DriveState<2> {
 }
 
 fn note(watch: &mut ArmWatch<2>, ms: i32, state: &DriveState<2>) -> Option<Fault> {
-    watch.note(at(ms), state, state, &limits())
+    note_timed(watch, ms, state, DriveTiming::default())
+}
+
+fn note_timed(watch: &mut ArmWatch<2>, ms: i32, state: &DriveState<2>, timing: DriveTiming) -> Option<Fault> {
+    watch.note(at(ms), state, state, &limits(), timing)
 }
 
 #[test]
@@ -55,19 +59,18 @@ fn overspeed_is_reported_in_its_window_and_limit_speed_is_not() {
 
 /// A joint behind a drive of `period` ms, which is where `joint` says at the time of its states; what is told of it within 3 s. Its reference moves at `speed`.
 fn told(period: i32, speed: f64, joint: impl Fn(f64) -> f64) -> Option<(i32, Fault)> {
-    let mut watch = ArmWatch::default();
+    let (mut watch, mut timing) = (ArmWatch::default(), DriveTiming::default());
     let mut held = (0.0, 0.0);
     (0..3000).find_map(|k| {
         let t = 1e-3 * f64::from(k);
+        timing.note(k % period != 0);
         if k % period == 0 {
             held = (joint(t), (joint(t + 1e-4) - joint(t)) / 1e-4);
-        } else {
-            watch.late();
         }
         let way = Vector2::new(speed * 1e-3, 0.0);
         let state = state(held.0, held.1);
-        let fault = note(&mut watch, k, &state).or_else(|| watch.follow(&state.q, &way));
-        fault.or_else(|| watch.swing(&state.q, &way)).map(|fault| (k, fault))
+        let fault = note_timed(&mut watch, k, &state, timing).or_else(|| watch.follow(&state.q, &way));
+        fault.or_else(|| watch.swing(&state.q, &way, timing)).map(|fault| (k, fault))
     })
 }
 
@@ -104,14 +107,14 @@ fn positions_that_come_late_are_no_speed() {
 fn states_that_come_late_contradict_nothing() {
     for (period, fresh) in [(8, 1), (40, 10), (300, 100)] {
         let (mut watch, mut held) = (ArmWatch::default(), state(0.0, 2.0));
+        let mut timing = DriveTiming::default();
         for k in 0..6000 {
             let t = f64::from(k) * 1e-3;
+            timing.note(k % period >= fresh);
             if k % period < fresh {
                 held = state(0.5 * (4.0 * t).sin(), 2.0 * (4.0 * t).cos());
-            } else {
-                watch.late();
             }
-            assert_eq!(note(&mut watch, k, &held), None, "{period}: {k}");
+            assert_eq!(note_timed(&mut watch, k, &held, timing), None, "{period}: {k}");
         }
     }
 }

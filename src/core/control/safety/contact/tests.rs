@@ -21,10 +21,11 @@ fn felt_with_a_gap(gap: bool, told: bool) -> f64 {
             continue;
         }
         ticks += 1;
+        let timing = DriveTiming::default();
         let now = MonoNs(if told { k } else { ticks } * 1_000_000);
         let state = DriveState { q, qd, truth: None };
         let command = DriveCommand { tau, q_r: q, qd_r: qd, qdd_r: SVector::zeros() };
-        watch.note(now, &robot, &mut control, Some((&state, &command)), None);
+        watch.note((now, timing), &robot, &mut control, Some((&state, &command)), None);
         if k > 1500 {
             most = most.max(watch.excess().max());
         }
@@ -46,6 +47,7 @@ fn held_behind(mode: CommandMode, period: i64, lag: i64, stop: i64) -> Option<i6
     let law = JointLaw::InverseDynamics(InverseDynamicsControl::new(40.0, 1.0));
     let mut control = JointController::new(law, ObserverSettings::none());
     let mut watch = ContactWatch::new(&robot, &control, mode);
+    let mut timing = DriveTiming::default();
     let reference = |ms: i64| Vector6::repeat(-0.4 * (1.0 - (1e-3 * ms as f64 * 2.0).cos()));
     let speed = |ms: i64| (reference(ms + 1) - reference(ms)) * 1e3;
     (0..3000).find(|&ms| {
@@ -56,16 +58,14 @@ fn held_behind(mode: CommandMode, period: i64, lag: i64, stop: i64) -> Option<i6
             qd: if at < stop { speed(at) } else { SVector::zeros() },
             truth: None,
         };
-        if seen != ms {
-            watch.late();
-        }
+        timing.note(seen != ms);
         let command = DriveCommand {
             tau: SVector::zeros(),
             q_r: reference(ms + 1),
             qd_r: speed(ms),
             qdd_r: SVector::zeros(),
         };
-        watch.note(MonoNs(ms * 1_000_000), &robot, &mut control, Some((&state, &command)), None);
+        watch.note((MonoNs(ms * 1_000_000), timing), &robot, &mut control, Some((&state, &command)), None);
         watch.is_touched()
     })
 }
@@ -98,6 +98,7 @@ fn slowed_behind(mode: CommandMode, period: i64, lag: i64, slows: bool) -> Optio
     let law = JointLaw::InverseDynamics(InverseDynamicsControl::new(40.0, 1.0));
     let mut control = JointController::new(law, ObserverSettings::none());
     let mut watch = ContactWatch::new(&robot, &control, mode);
+    let mut timing = DriveTiming::default();
     let reference = |ms: i64| -0.4 * (1.0 - (2e-3 * ms as f64).cos());
     let place = |ms: i64| match ms {
         ms if ms < 1000 || !slows => reference(ms),
@@ -107,16 +108,14 @@ fn slowed_behind(mode: CommandMode, period: i64, lag: i64, slows: bool) -> Optio
         let at = (ms - ms % period - lag).max(0);
         let speed = |ms: i64, place: &dyn Fn(i64) -> f64| Vector6::repeat((place(ms + 1) - place(ms)) * 1e3);
         let state = DriveState { q: Vector6::repeat(place(at)), qd: speed(at, &place), truth: None };
-        if ms % period != 0 {
-            watch.late();
-        }
+        timing.note(ms % period != 0);
         let command = DriveCommand {
             tau: SVector::zeros(),
             q_r: Vector6::repeat(reference(ms + 1)),
             qd_r: speed(ms, &reference),
             qdd_r: SVector::zeros(),
         };
-        watch.note(MonoNs(ms * 1_000_000), &robot, &mut control, Some((&state, &command)), None);
+        watch.note((MonoNs(ms * 1_000_000), timing), &robot, &mut control, Some((&state, &command)), None);
         watch.is_touched()
     })
 }

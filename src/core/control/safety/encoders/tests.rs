@@ -10,6 +10,7 @@ fn watched(
     reported: impl Fn(i64, f64, f64, f64) -> (f64, f64),
 ) -> (f64, f64, Option<(i64, Fault)>) {
     let mut watch = EncoderWatch::<2>::default();
+    let mut timing = DriveTiming::default();
     let traits = EncoderTraits {
         step: Vector2::repeat(step),
         inertia: Vector2::repeat(1.0),
@@ -28,7 +29,8 @@ fn watched(
         let drive = DriveState { q: Vector2::new(raw_q, 0.3), qd: Vector2::new(raw_qd, 0.0), truth: None };
         let reference = Vector2::new(q, 0.3);
         let now = MonoNs(k * 1_000_000);
-        let (believed, told) = watch.take(now, &drive, &reference, expected.as_ref(), &traits);
+        timing.note(false);
+        let (believed, told) = watch.take((now, timing), &drive, &reference, expected.as_ref(), &traits);
         if k > 10 {
             worst_q = worst_q.max((believed.q[0] - q).abs());
             worst_qd = worst_qd.max((believed.qd[0] - qd).abs());
@@ -69,6 +71,7 @@ fn untold_steps_of_an_encoder_are_no_freeze() {
 #[test]
 fn motion_within_a_step_is_no_repeated_state() {
     let mut watch = EncoderWatch::<1>::default();
+    let mut timing = DriveTiming::default();
     let traits = EncoderTraits {
         step: Vector1::repeat(0.015),
         inertia: Vector1::repeat(1.0),
@@ -77,7 +80,8 @@ fn motion_within_a_step_is_no_repeated_state() {
     let still = DriveState { q: Vector1::new(0.3), qd: Vector1::zeros(), truth: None };
     for k in 0..100 {
         let expected = ExpectedMotion { q: still.q, qd: Vector1::new(0.1), qdd: Vector1::zeros() };
-        let told = watch.take(MonoNs(k * 1_000_000), &still, &still.q, Some(&expected), &traits);
+        timing.note(false);
+        let told = watch.take((MonoNs(k * 1_000_000), timing), &still, &still.q, Some(&expected), &traits);
         assert_eq!(told, (still, None), "{k}");
     }
 }
@@ -87,6 +91,7 @@ fn motion_within_a_step_is_no_repeated_state() {
 fn behind_a_gap_in_the_states_the_reading_is_believed() {
     for (hangs, held_up, is_fault) in [(true, false, false), (false, true, false), (false, false, true)] {
         let mut watch = EncoderWatch::<1>::default();
+        let mut timing = DriveTiming::default();
         let (zero, one) = (Vector1::zeros(), Vector1::repeat(1.0));
         let traits = EncoderTraits { step: zero, inertia: one, coulomb: zero };
         let (mut expected, mut fault, mut off) = (None, None, 0.0_f64);
@@ -96,12 +101,10 @@ fn behind_a_gap_in_the_states_the_reading_is_believed() {
             let leap = if k >= 110 { -0.008 } else { 0.0 };
             let q = if is_late { before } else { 0.2e-3 * k as f64 + leap };
             before = q;
-            if is_late {
-                watch.late();
-            }
+            timing.note(is_late);
             let state = DriveState { q: Vector1::new(q), qd: Vector1::new(0.2), truth: None };
             let (believed, told) =
-                watch.take(MonoNs(k * 1_000_000), &state, &state.q, expected.as_ref(), &traits);
+                watch.take((MonoNs(k * 1_000_000), timing), &state, &state.q, expected.as_ref(), &traits);
             expected = Some(ExpectedMotion { q: believed.q, qd: Vector1::new(0.2), qdd: zero });
             fault = fault.or(told);
             off = if is_late { off } else { (believed.q[0] - q).abs() };
@@ -114,6 +117,7 @@ fn behind_a_gap_in_the_states_the_reading_is_believed() {
 /// A joint that goes with `speed`, rad/s, behind a drive with a new state every `period` ms, which stands still for `stalls` ms from 100 ms on, and whose reading leaps by 20 mrad at 300 ms where it `leaps`; the fault, and when.
 fn behind_a_slower_drive(speed: f64, period: i64, stalls: i64, leaps: bool) -> Option<(i64, Fault)> {
     let mut watch = EncoderWatch::<1>::default();
+    let mut timing = DriveTiming::default();
     let (zero, one) = (Vector1::zeros(), Vector1::repeat(1.0));
     let traits = EncoderTraits { step: zero, inertia: one, coulomb: zero };
     let mut expected: Option<ExpectedMotion<1>> = None;
@@ -122,14 +126,14 @@ fn behind_a_slower_drive(speed: f64, period: i64, stalls: i64, leaps: bool) -> O
         // The drive's own time: neither states nor arm go on while it stands.
         let own = if ms < 100 { ms } else { (ms - stalls).max(100) };
         let stands = (100..100 + stalls).contains(&ms);
-        if own % period == 0 && !stands {
+        let is_new = own % period == 0 && !stands;
+        timing.note(!is_new);
+        if is_new {
             told = speed * 1e-3 * own as f64 + if leaps && ms >= 300 { 20e-3 } else { 0.0 };
-        } else {
-            watch.late();
         }
         let state = DriveState { q: Vector1::new(told), qd: Vector1::new(speed), truth: None };
         let (believed, fault) =
-            watch.take(MonoNs(ms * 1_000_000), &state, &state.q, expected.as_ref(), &traits);
+            watch.take((MonoNs(ms * 1_000_000), timing), &state, &state.q, expected.as_ref(), &traits);
         expected = Some(ExpectedMotion { q: believed.q, qd: Vector1::new(speed), qdd: zero });
         fault.map(|fault| (ms, fault))
     })
@@ -186,6 +190,7 @@ fn a_reading_that_leapt_for_good_is_a_fault_and_then_believed() {
 #[test]
 fn a_joint_that_sticks_behind_a_slow_filter_is_believed() {
     let mut watch = EncoderWatch::<1>::default();
+    let mut timing = DriveTiming::default();
     let traits =
         EncoderTraits { step: Vector1::zeros(), inertia: Vector1::repeat(1.0), coulomb: Vector1::zeros() };
     let (mut q, mut qd, mut seen) = (0.0_f64, 0.4_f64, 0.4_f64);
@@ -193,7 +198,8 @@ fn a_joint_that_sticks_behind_a_slow_filter_is_believed() {
     for k in 0..200 {
         seen += (qd - seen) * (1.0 - (-1.0_f64 / 1.6).exp());
         let drive = DriveState { q: Vector1::new(q), qd: Vector1::new(seen), truth: None };
-        let told = watch.take(MonoNs(k * 1_000_000), &drive, &drive.q, expected.as_ref(), &traits);
+        timing.note(false);
+        let told = watch.take((MonoNs(k * 1_000_000), timing), &drive, &drive.q, expected.as_ref(), &traits);
         assert_eq!(told, (drive, None), "tick {k}");
         expected = Some(ExpectedMotion { q: drive.q, qd: drive.qd, qdd: Vector1::new(1.0) });
         let slower = (qd - 0.15).max(0.0);
@@ -205,6 +211,7 @@ fn a_joint_that_sticks_behind_a_slow_filter_is_believed() {
 #[test]
 fn what_did_not_move_is_believed_on_its_reference_in_a_fault() {
     let mut watch = EncoderWatch::<2>::default();
+    let mut timing = DriveTiming::default();
     let traits =
         EncoderTraits { step: Vector2::zeros(), inertia: Vector2::repeat(1.0), coulomb: Vector2::zeros() };
     let still = DriveState { q: Vector2::new(0.1, 0.3), qd: Vector2::zeros(), truth: None };
@@ -213,7 +220,8 @@ fn what_did_not_move_is_believed_on_its_reference_in_a_fault() {
     for k in 0..100 {
         r[0] += if k < 60 { 2e-5 } else { -2e-5 };
         let expected = ExpectedMotion { q: still.q, qd: still.qd, qdd: Vector2::new(5.0, 0.0) };
-        let seen = watch.take(MonoNs(k * 1_000_000), &still, &r, Some(&expected), &traits);
+        timing.note(false);
+        let seen = watch.take((MonoNs(k * 1_000_000), timing), &still, &r, Some(&expected), &traits);
         assert_eq!(seen, (still, None));
     }
     assert_eq!(watch.distrusted(), [false; 2]);

@@ -1,0 +1,112 @@
+//! How the states of a drive come to the ticks of control: one in each of them, in every second or eighth, late, or no more.
+//!
+//! ```text
+//! state of 2 ms    new old new old new old old old old old new
+//!                      └ usual ┘       └ is_gap from the fifth on
+//! ```
+//! It is fed once a tick, and read by everything that supervises the arm: how many ticks a state is old, and from when on that is more than a slower drive's own period.
+
+use crate::time::{SpanNs, TICK};
+
+/// Old states in a row that the slowest drive has, of 125 Hz: derived, a state in 8 ms.
+const SLOWEST: u32 = 7;
+/// Ticks in a row with an old state over which joints are still supervised: those between two states of the slowest drive, and one that is late. Positions that are so old are off by 25 mrad at
+/// 3 rad/s, a share of what any of the supervision allows in its time; chosen by hand.
+const LONGEST_HELD: u32 = SLOWEST + 1;
+/// So many old states in a row beyond those that a slower drive always has between two new ones are a gap, in which a drive that hangs may not have obeyed. Chosen by hand: networks are late by one or two.
+const LATE_IN_ROW: u32 = 4;
+
+/// The ticks of a drive's states.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct DriveTiming {
+    /// Old states in a row, that of this tick included, and before its state.
+    old_in_row: u32,
+    before: u32,
+    /// The fewest between two new ones; none before the second.
+    usual: Option<u32>,
+    has_state: bool,
+}
+
+impl DriveTiming {
+    /// Longest time without a tick after which control begins with a state as old as behind a gap, and with an arm that did not obey meanwhile. Derived: as many ticks.
+    pub const HELD_UP: SpanNs = SpanNs(TICK.0 * LATE_IN_ROW as i64);
+
+    /// A tick, with a state that came before or a new one.
+    pub fn note(&mut self, is_old: bool) {
+        self.before = self.old_in_row;
+        if is_old {
+            self.old_in_row = self.old_in_row.saturating_add(1);
+            return;
+        }
+        if self.has_state {
+            self.usual = Some(self.usual.map_or(self.before, |usual| usual.min(self.before)));
+        }
+        (self.old_in_row, self.has_state) = (0, true);
+    }
+
+    /// Whether the state of this tick is one that came before, which tells nothing of how joints moved since.
+    #[must_use]
+    pub fn is_old(&self) -> bool {
+        self.old_in_row > 0
+    }
+
+    /// Whether no new state came for so long that the one that there is tells nothing of how joints follow.
+    #[must_use]
+    pub fn tells_nothing(&self) -> bool {
+        self.old_in_row > LONGEST_HELD
+    }
+
+    /// Whether it came for longer than the drive's own period explains.
+    #[must_use]
+    pub fn is_gap(&self) -> bool {
+        self.old_in_row >= self.usual.unwrap_or(SLOWEST) + LATE_IN_ROW
+    }
+
+    /// Ticks from the state before to the new one of this tick.
+    #[must_use]
+    pub fn ticks(&self) -> u32 {
+        1 + self.before
+    }
+
+    /// Ticks from one state to the next as this drive has them; before its second, those of the slowest.
+    #[must_use]
+    pub fn usual_ticks(&self) -> u32 {
+        1 + self.usual.unwrap_or(SLOWEST)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// After the ticks of `states`: `n` a new state, `o` an old one.
+    fn after(states: &str) -> DriveTiming {
+        let mut timing = DriveTiming::default();
+        states.chars().for_each(|state| timing.note(state == 'o'));
+        timing
+    }
+
+    #[test]
+    fn a_slower_drive_has_its_own_gap() {
+        for period in [1, 2, 4, 8_usize] {
+            let regular = format!("n{}", "o".repeat(period - 1)).repeat(3);
+            let timing = after(&format!("{regular}n"));
+            assert_eq!((timing.ticks(), timing.usual_ticks()), (period as u32, period as u32));
+            assert!(!timing.is_old() && !timing.is_gap());
+            let late = |ticks| after(&format!("{regular}n{}", "o".repeat(ticks)));
+            assert!(late(1).is_old());
+            assert!(!late(period + 2).is_gap() && late(period + 3).is_gap(), "{period}");
+            assert!(!late(8).tells_nothing() && late(9).tells_nothing(), "{period}");
+        }
+    }
+
+    #[test]
+    fn before_two_states_a_drive_may_be_the_slowest() {
+        assert_eq!(
+            (after("").usual_ticks(), after("ooon").usual_ticks(), after("nn").usual_ticks()),
+            (8, 8, 1)
+        );
+        assert!(!after("noooooooooo").is_gap() && after("nooooooooooo").is_gap());
+        assert_eq!(after("nooonon").usual_ticks(), 2, "the fewest");
+    }
+}
