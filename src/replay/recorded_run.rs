@@ -2,10 +2,13 @@
 //! each other in a file, so that a run of hours needs no more memory than one of seconds.
 
 use super::ReplayError;
-use crate::config::Config;
+use crate::config::assemble::within_effort_rates;
+use crate::config::{Config, DriveKind};
 use crate::control::trace::FrameStamps;
-use crate::messages::{Measurement, RequestMsg, TraceMsg, trace_flag};
+use crate::drive::{CommandMode, DriveProperties};
+use crate::messages::{DriveTextMsg, Measurement, RequestMsg, TraceMsg, text_kind, trace_flag};
 use crate::record::{RUN_FILE, RecordingReader};
+use crate::robot::Robot;
 use std::collections::VecDeque;
 use std::io::Read;
 use std::path::Path;
@@ -29,6 +32,8 @@ pub struct RecordedRun<R: Read> {
     traces: VecDeque<TraceMsg>,
     measurements: VecDeque<Measurement>,
     requests: VecDeque<RequestMsg>,
+    /// What an external drive told of itself, before control was made.
+    drive: Option<DriveProperties>,
     /// Number of the next record of control.
     next: u64,
     /// Whether the last record of the run was given.
@@ -57,6 +62,7 @@ impl<R: Read> RecordedRun<R> {
             traces: VecDeque::new(),
             measurements: VecDeque::new(),
             requests: VecDeque::new(),
+            drive: None,
             next: 0,
             is_over: false,
             gap: None,
@@ -76,6 +82,12 @@ impl<R: Read> RecordedRun<R> {
             match message.topic() {
                 "/control/trace" => self.traces.push_back(message.record()?),
                 "/control/request" => self.requests.push_back(message.record()?),
+                "/drive/text" => {
+                    let text: DriveTextMsg = message.record()?;
+                    if text.kind == text_kind::PROPERTIES && self.drive.is_none() {
+                        self.drive = DriveProperties::parse(&text.text()).ok();
+                    }
+                }
                 topic if topic.starts_with("/vision/") => self.measurements.push_back(message.record()?),
                 _ => {}
             }
@@ -113,6 +125,18 @@ impl<R: Read> RecordedRun<R> {
             measurement = self.measurements.pop_front();
         }
         Ok(Some(RecordedTick { trace, measurement }))
+    }
+
+    /// The configuration with which control was made of `config` before the drive of the recording.
+    #[must_use]
+    pub fn config_before_drive<const N: usize>(&self, config: &Config, robot: &Robot<N>) -> Config {
+        let has_rates = config.drive.kind == DriveKind::External && config.drive.mode == CommandMode::Torque;
+        match &self.drive {
+            Some(told) if has_rates && told.effort_rate.len() == N => {
+                within_effort_rates(config, robot, &told.effort_rate).0
+            }
+            _ => config.clone(),
+        }
     }
 
     /// The requests that have been read, in the order of their answers.

@@ -92,7 +92,8 @@ fn replay_robot<R: Read, const N: usize>(
     robot: Robot<N>,
     how: How,
 ) -> Result<Replayed, ReplayError> {
-    ControlAgain::new(config, robot, how)?.run(run, &mut |_, _| ())
+    let config = run.config_before_drive(config, &robot);
+    ControlAgain::new(&config, robot, how)?.run(run, &mut |_, _| ())
 }
 
 pub(super) fn differs<T: MessageRecord>(

@@ -6,6 +6,7 @@ use crate::common::{
     Instance, Run, assert_accurate, kill, number, read_summary, run, vservo, wait_for_line, wait_until,
 };
 use crate::drive::{command, drive_by_hand, external, start_run};
+use crate::replay::assert_identical;
 use std::path::Path;
 use std::process::{Child, Stdio};
 
@@ -69,11 +70,13 @@ fn torques_rise_no_more_quickly_than_the_drive_takes_them() {
     ] {
         let folder = tempfile::tempdir().unwrap();
         let record = folder.path().join("torques");
+        let recording = folder.path().join("run.mcap");
         let set = format!("\"env\", \"VSERVO_TEST_TORQUES={}\"", record.display());
         let set = command(&format!("slow_torques@{rise_ms}")).replacen("\"env\"", &set, 1);
         let payload = format!("drive.simulated.payload_kg={payload_kg}");
         let external = ["--set", "drive.kind=external", "--set", &set, "--set", &payload];
-        let external = [&external[..], &["--duration-s", duration_s]].concat();
+        let external =
+            [&external[..], &["--duration-s", duration_s, "--record", recording.to_str().unwrap()]].concat();
         let run = run("slowtorques", &[&LOCKSTEP[..], &external].concat());
         assert_eq!(run.output.status.code(), Some(code), "{rise_ms} ms: {}", run.text());
         assert!(run.text().contains("torques rise by no more than the drive takes"), "{}", run.text());
@@ -89,6 +92,8 @@ fn torques_rise_no_more_quickly_than_the_drive_takes_them() {
                 "{rise_ms} ms, {payload_kg} kg, {duration_s} s, joint {joint}: {fastest:.3} of the rate at most"
             );
         }
+        // The replay knows from the recording what the drive told.
+        assert_identical(&recording);
     }
 }
 

@@ -19,7 +19,7 @@ fn replay(path: &Path, arguments: &[&str]) -> (Option<i32>, String) {
 }
 
 #[track_caller]
-fn assert_identical(path: &Path) -> String {
+pub(crate) fn assert_identical(path: &Path) -> String {
     let (code, text) = replay(path, &[]);
     assert!(code == Some(0) && text.starts_with("identical: "), "{code:?} {text}");
     text

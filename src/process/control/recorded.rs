@@ -35,7 +35,7 @@ fn of_robot<R: Read, const N: usize>(
     config: &Config,
     robot: Robot<N>,
 ) -> Result<RecordedResults, ReplayError> {
-    let mut again = ControlAgain::new(config, robot, How::Exactly)?;
+    let mut again = ControlAgain::new(&recorded.config_before_drive(config, &robot), robot, How::Exactly)?;
     let mut history = run_files::history(config, &again.mission);
     let mut deadlines: Option<Deadlines> = None;
     let mut span = (MonoNs::ZERO, MonoNs::ZERO);
