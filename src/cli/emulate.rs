@@ -1,11 +1,11 @@
 //! `vservo emulate`: a robot that there is not, for whoever wants to see the whole way without one.
 
 use super::emulate_franka::{EmulateFrankaArguments, emulate_franka, timed_fault};
-use super::emulated_plant::EmulatedPlant;
+use super::emulated_plant::{EMULATOR_PRIORITY, EmulatedPlant};
 use crate::config::Config;
 use crate::config::assemble::q_start;
 use crate::process::{ProcessError, StopFlag};
-use crate::rt::{now, tell};
+use crate::rt::{now, tell, with_priority};
 use crate::time::{SpanNs, TICK};
 use clap::{Args, Subcommand, ValueEnum};
 use nalgebra::SVector;
@@ -57,6 +57,9 @@ pub struct EmulateUrArguments {
     /// Powered off, as after switching on; else it runs, its brakes open
     #[arg(long)]
     pub off: bool,
+    /// SCHED_FIFO priority, where it can be had; 0: none. A robot's controller has a computer of its own: control, which has 80, does not keep it waiting
+    #[arg(long, default_value_t = EMULATOR_PRIORITY, value_parser = clap::value_parser!(u32).range(0..=99))]
+    pub priority: u32,
     /// What goes wrong, and when, s after the start: for example protective-stop@12.5; may be repeated
     #[arg(long, value_name = "FAULT@S", value_parser = timed_fault::<Fault>)]
     pub fault: Vec<(Fault, f64)>,
@@ -86,14 +89,15 @@ fn emulate_ur(arguments: &EmulateUrArguments) -> Result<u8, ProcessError> {
         UrSeries::ESeries => Series::ESeries,
         UrSeries::Cb3 => Series::Cb3,
     };
-    let emulator = Emulator::start(EmulatorSettings {
+    let settings = EmulatorSettings {
         address: arguments.address,
         series,
         q: q.into(),
         running: !arguments.off,
         joints: Box::new(joints),
-    })
-    .map_err(ProcessError::Emulator)?;
+    };
+    let emulator =
+        with_priority(arguments.priority, || Emulator::start(settings)).map_err(ProcessError::Emulator)?;
     tell(format_args!("a robot that is none listens on {}, for this machine alone", emulator.address()));
     let start = now();
     let mut faults = arguments.fault.clone();

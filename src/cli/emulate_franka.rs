@@ -1,10 +1,10 @@
 //! `vservo emulate franka`: the arm of a run file behind a controller that speaks FCI.
 
-use super::emulated_plant::EmulatedPlant;
+use super::emulated_plant::{EMULATOR_PRIORITY, EmulatedPlant};
 use crate::config::Config;
 use crate::config::assemble::q_start;
 use crate::process::{ProcessError, StopFlag};
-use crate::rt::{now, tell};
+use crate::rt::{now, tell, with_priority};
 use clap::Args;
 use nalgebra::SVector;
 use std::net::IpAddr;
@@ -33,6 +33,9 @@ pub struct EmulateFrankaArguments {
     /// Cycles in a row without a command that end a motion: 20 as a robot; more for a busy machine
     #[arg(long, value_name = "N", default_value_t = vservo_franka::emulator::MISSED_CYCLES, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     pub missed_cycles: u32,
+    /// SCHED_FIFO priority, where it can be had; 0: none. A robot's controller has a computer of its own: control, which has 80, does not keep it waiting
+    #[arg(long, default_value_t = EMULATOR_PRIORITY, value_parser = clap::value_parser!(u32).range(0..=99))]
+    pub priority: u32,
     /// What goes wrong, and when, s after the start: for example reflex@12.5; may be repeated
     #[arg(long, value_name = "FAULT@S", value_parser = timed_fault::<Fault>)]
     pub fault: Vec<(Fault, f64)>,
@@ -70,14 +73,15 @@ pub(super) fn emulate_franka(arguments: &EmulateFrankaArguments) -> Result<u8, P
         return Ok(2);
     }
     let plant = Box::new(EmulatedPlant::new(&config, q)?);
-    let emulator = Emulator::start(EmulatorSettings {
+    let settings = EmulatorSettings {
         address: arguments.address,
         q: q.into(),
         limits,
         missed_cycles: arguments.missed_cycles,
         plant,
-    })
-    .map_err(ProcessError::Emulator)?;
+    };
+    let emulator =
+        with_priority(arguments.priority, || Emulator::start(settings)).map_err(ProcessError::Emulator)?;
     tell(format_args!("a robot that is none listens on {}, for this machine alone", emulator.address()));
     let start = now();
     let mut faults = arguments.fault.clone();

@@ -34,7 +34,7 @@ pub use prefault::{page_faults, prefault};
 #[cfg(feature = "cli")]
 pub use scheduling::{
     Awake, Obtained, SchedulingError, USUAL_SPIN, prefer_thread, prepare_process, prepare_thread,
-    spin_before_deadlines, why_not_on,
+    spin_before_deadlines, why_not_on, with_priority,
 };
 #[cfg(feature = "cli")]
 pub use service_manager::{ServiceWatchdog, tell_service_manager};

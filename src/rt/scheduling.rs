@@ -137,6 +137,20 @@ pub fn prepare_thread(request: &RealtimeRequest) -> Obtained {
     }
 }
 
+/// Does `work` on a thread with SCHED_FIFO at `priority`, where that can be had, and waits for it: threads that it starts have the same. 0 asks for nothing.
+pub fn with_priority<T: Send>(priority: u32, work: impl FnOnce() -> T + Send) -> T {
+    let work = || {
+        if priority > 0 {
+            // Whom the system refuses has what everybody has.
+            let _ = prepare_thread(&RealtimeRequest { priority, cpu: None, lock_memory: false });
+        }
+        work()
+    };
+    std::thread::scope(|scope| {
+        scope.spawn(work).join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+    })
+}
+
 /// Nice value of what should not wait behind compilers, and is not of the loop. Chosen by hand: about nine times the share of a usual thread (sched(7): a factor of 1.25 a step).
 const PREFERRED_NICE: i32 = -10;
 

@@ -350,6 +350,9 @@ fn serve(place: &Place, config: &Config, behaviour: Behaviour) {
     }
 }
 
+/// Of an emulated robot, where priorities can be had: a real one has a computer of its own, so that what else this one does keeps no state back.
+pub const ROBOT_PRIORITY: u32 = 85;
+
 /// `drive.external.command=[...]` that starts this binary as a drive which behaves so.
 pub fn command(behaviour: &str) -> String {
     let own = std::env::current_exe().unwrap();

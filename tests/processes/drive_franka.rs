@@ -4,13 +4,14 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stdout)] // what is skipped is told
 
 use crate::common::{Instance, Run, assert_accurate, kill, read_summary, run, vservo, wait_until};
-use crate::drive::{program, start_run};
+use crate::drive::{ROBOT_PRIORITY, program, start_run};
 use crate::serve::Daemon;
 use std::net::{IpAddr, Ipv4Addr};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicU8, Ordering};
 use std::time::Duration;
+use vservo::rt::with_priority;
 use vservo_franka::emulator::{Emulator, EmulatorSettings, Fault, MISSED_CYCLES};
 use vservo_franka::robot::RobotError;
 use vservo_franka::{Joints, RobotMode};
@@ -28,8 +29,8 @@ fn address() -> IpAddr {
 
 /// A controller that waits longer than a robot for commands that a busy machine keeps back: a second.
 fn robot() -> Emulator {
-    Emulator::start(EmulatorSettings { missed_cycles: 1000, ..EmulatorSettings::fr3(address(), START) })
-        .unwrap()
+    let settings = EmulatorSettings { missed_cycles: 1000, ..EmulatorSettings::fr3(address(), START) };
+    with_priority(ROBOT_PRIORITY, || Emulator::start(settings)).unwrap()
 }
 
 fn command(host: IpAddr, more: &[&str]) -> String {

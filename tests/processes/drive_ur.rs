@@ -4,7 +4,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stdout)] // what is skipped is told
 
 use crate::common::{Instance, Run, assert_accurate, kill, number, read_summary, run, vservo, wait_until};
-use crate::drive::{program, start_run};
+use crate::drive::{ROBOT_PRIORITY, program, start_run};
 use crate::foxglove::Viewer;
 use crate::serve::Daemon;
 use crate::watch::{Events, Watch};
@@ -14,6 +14,7 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicU8, Ordering};
 use std::time::Duration;
+use vservo::rt::with_priority;
 use vservo_ur::emulator::{Emulator, EmulatorSettings, Fault, StiffJoints};
 use vservo_ur::{Joints, Payload, RuntimeState, SafetyMode, Series};
 
@@ -26,7 +27,8 @@ fn robot(series: Series) -> Emulator {
     let [_, _, b, c] = std::process::id().to_be_bytes();
     let address = Ipv4Addr::new(127, 210 + b % 40, c, COUNT.fetch_add(1, Ordering::Relaxed)).into();
     let joints = Box::new(StiffJoints::default());
-    Emulator::start(EmulatorSettings { address, series, q: START, running: true, joints }).unwrap()
+    let settings = EmulatorSettings { address, series, q: START, running: true, joints };
+    with_priority(ROBOT_PRIORITY, || Emulator::start(settings)).unwrap()
 }
 
 fn command(host: IpAddr, more: &[&str]) -> String {
