@@ -130,7 +130,8 @@ impl Write for DiskQueue {
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        let next = self.spare.try_recv().unwrap_or_default();
+        // One is enough: after a disk that was busy for seconds there are many.
+        let next = self.spare.try_iter().last().unwrap_or_default();
         let block = std::mem::replace(&mut self.block, next);
         while !block.is_empty() && !self.state.with(|backlog| backlog.failure.is_some()) {
             if self.has_room(block.len()) {
