@@ -35,6 +35,7 @@ mod friction;
 mod model_change;
 mod past;
 mod settings;
+mod sticking;
 mod unheard;
 mod untold_friction;
 
@@ -51,6 +52,7 @@ use found_steps::FoundSteps;
 use friction::{FrictionShare, TorqueResidual};
 use nalgebra::SVector;
 use past::Past;
+use sticking::{StandingTick, Sticking};
 use untold_friction::UntoldFriction;
 
 // `tests/cores/arm_unlike_model.rs` holds these numbers together: it draws encoder steps of 1e-6 to 5e-4, loads and friction that differ
@@ -83,11 +85,6 @@ const MOST_FRICTION: f64 = 1.25;
 const OTHER: f64 = 2.3;
 /// The confirmed share up to which that is a quarter of this: twice the model's friction is what arms are tested with.
 const MOST_UNMEASURED: f64 = 2.0;
-/// A joint sticks that is slower than this, rad/s or m/s, for so many ticks, while its error is to decay with at least this speed: chosen by hand, and not varied. Smooth
-/// friction lets a joint creep with 1e-6 rad/s and more under any torque; what sticks does not move at all.
-const STILL: f64 = 1e-9;
-const PULLED: f64 = 1e-4; // the speed of the error; chosen by hand with the one above
-const STILL_TICKS: u32 = 20;
 /// Share of the estimation rate that is kept at rest. Chosen by hand: 1 / 50, so that an arm that is held by friction still adapts.
 const RATE_AT_REST: f64 = 0.02;
 
@@ -150,9 +147,7 @@ pub(super) struct JointObserver<const N: usize> {
     heard: (SVector<f64, N>, SVector<f64, N>, SVector<f64, N>),
     /// Joints whose encoders are not trusted: nothing is learnt from them.
     unheard: [bool; N],
-    /// Whether each joint has been found to stick, and for how many ticks it has been still.
-    sticks: [bool; N],
-    still_ticks: [u32; N],
+    sticking: Sticking<N>,
 }
 
 impl<const N: usize> JointObserver<N> {
@@ -178,8 +173,7 @@ impl<const N: usize> JointObserver<N> {
             at_rest: (zero, zero),
             heard: (zero, zero, zero),
             unheard: [false; N],
-            sticks: [false; N],
-            still_ticks: [0; N],
+            sticking: Sticking::default(),
         }
     }
 
@@ -203,7 +197,7 @@ impl<const N: usize> JointObserver<N> {
 
     /// Whether each joint has been found to stick.
     pub(super) fn sticks(&self) -> &[bool; N] {
-        &self.sticks
+        self.sticking.joints()
     }
 
     /// The share of the model's friction that has been confirmed.
@@ -224,11 +218,13 @@ impl<const N: usize> JointObserver<N> {
         if is_other { Friction { viscous: friction.viscous / share, ..friction } } else { friction }
     }
 
-    /// The inertia of joints that have been found to stick and whose file tells no viscous friction that could be compensated, kg m^2 or kg, 0 for the others.
-    pub(super) fn sticking_inertia(&self, robot: &Robot<N>) -> SVector<f64, N> {
+    /// The inertia of joints that have been found to stick and whose viscous friction is too little to be of use against an error that is to decay with `rate_1_s`: less than
+    /// what accelerates the joint so; kg m^2 or kg, 0 for the others.
+    pub(super) fn sticking_inertia(&self, robot: &Robot<N>, rate_1_s: f64) -> SVector<f64, N> {
+        let inertia = &self.settings.inertia;
         SVector::from_fn(|i, _| {
-            let is_stiffer = self.sticks[i] && robot.friction()[i].viscous == 0.0;
-            if is_stiffer { self.settings.inertia[i] } else { 0.0 }
+            let is_stiffer = robot.friction()[i].viscous < inertia[i] * rate_1_s;
+            if is_stiffer { self.sticking.stiffness()[i] * inertia[i] } else { 0.0 }
         })
     }
 
@@ -389,9 +385,14 @@ impl<const N: usize> JointObserver<N> {
                 noise: (width, STEP_GAIN * self.steps[i] * bandwidths[i].powi(2)),
             };
             self.confirmed.note(i, friction, &response);
-            let is_still = friction.coulomb > 0.0 && speed.abs() < STILL && commanded.slip[i].abs() > PULLED;
-            self.still_ticks[i] = if is_still && !probing { self.still_ticks[i] + 1 } else { 0 };
-            self.sticks[i] |= self.still_ticks[i] >= STILL_TICKS;
+            let standing = StandingTick {
+                reading: q[i],
+                step: self.steps[i],
+                speed,
+                slip: commanded.slip[i],
+                has_coulomb: friction.coulomb > 0.0,
+            };
+            self.sticking.note(i, probing, &standing);
             if rate > 0.0 && !probing {
                 // The mean over the step, as for the compensation: at its end the friction of a joint that reverses has the other sign. What
                 // is not confirmed neither acts nor is compensated.
@@ -412,7 +413,8 @@ impl<const N: usize> JointObserver<N> {
                 };
                 // A joint that sticks near its reference is left alone: torque that grows until it leaps would make it hunt.
                 let w = commanded.velocity[i].abs();
-                if self.sticks[i] && speed.abs() < STANDS && w.max(commanded.slip[i].abs()) < STUCK {
+                if self.sticking.joints()[i] && speed.abs() < STANDS && w.max(commanded.slip[i].abs()) < STUCK
+                {
                     continue;
                 }
                 self.friction.learn(i, known * friction.coulomb, &residual, h);

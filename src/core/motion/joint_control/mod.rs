@@ -252,7 +252,7 @@ impl<const N: usize> JointController<N> {
         let (e, ed) = ((reference.q - q) * (share * share), (reference.qd - qd) * share);
         let mut feedback = self.law.feedback(&e, &ed, reference);
         if let (JointLaw::InverseDynamics(control), false) = (&self.law, self.soft) {
-            let inertia = self.observer.sticking_inertia(self.carrying(robot));
+            let inertia = self.observer.sticking_inertia(self.carrying(robot), control.omega_rad_s);
             feedback.torque += sticking::torque(&inertia, control, (&e, &ed));
         }
         if let (JointLaw::OperationalSpace(control), false) = (&self.law, self.soft) {

@@ -14,7 +14,7 @@ const DAMPING_SHARE: f64 = 0.5;
 /// Largest velocity error that is damped so, rad/s or m/s. Chosen by hand: what sticks and slips about a goal reaches 0.2.
 const DAMPED: f64 = 0.2;
 
-/// Stiffness and damping beyond those of the law, as multiples of them, of joints that stick where no viscous friction is known that could be compensated: the first as above, so that joints come
+/// Stiffness and damping beyond those of the law, as multiples of them, of joints that stick where the viscous friction that is known is too little to be of use: the first as above, so that joints come
 /// loose before the error has grown; the second so that the damping ratio stays near to 1. Measured: where joints with viscous friction had it too, an xArm7 with double friction faulted.
 const STIFFER: f64 = 2.0;
 /// Derived: with three times the stiffness and 1.5 times the damping the ratio is 0.87 of the law's.
