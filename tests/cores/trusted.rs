@@ -230,6 +230,27 @@ fn spotted(image: &mut [u8], truth: &[Vector2<f64>], random: &mut Random) {
     }
 }
 
+/// A shadow with a soft edge across one of the target's points, or a highlight near it, a few pixels to tens of them in size.
+fn lit(image: &mut [u8], harm: &str, truth: &[Vector2<f64>], random: &mut Random) {
+    let mut within = |low: f64, high: f64| low + (high - low) * random.uniform();
+    let point = truth[within(0.0, truth.len() as f64) as usize % truth.len()];
+    let (sin, cos) = within(-3.2, 3.2).sin_cos();
+    let (gain, soft, size) = (within(0.4, 0.85), within(1.5, 30.0), within(3.0, 15.0));
+    let at = point
+        + Vector2::new(within(-1.0, 1.0), within(-1.0, 1.0)) * if harm == "shadow" { soft } else { size };
+    for (i, byte) in image.iter_mut().enumerate() {
+        let d = Vector2::new((i % SIZE.0) as f64, (i / SIZE.0) as f64) - at;
+        let level = f64::from(*byte);
+        let new = if harm == "shadow" {
+            let across = (d.x * cos + d.y * sin) / soft;
+            level * (gain + (1.0 - gain) / (1.0 + (-2.0 * across).exp()))
+        } else {
+            level + 255.0 * (-0.5 * (d.norm() / size).powi(4)).exp()
+        };
+        *byte = new.round().clamp(0.0, 255.0) as u8;
+    }
+}
+
 /// What is covered in part, and what is smooth over the image: rows that are exposed one after the other, a lens that is not the one of
 /// the calibration.
 #[test]
@@ -244,7 +265,7 @@ fn what_is_told_of_boards_grids_and_tags_is_true() {
         let mut renderer =
             Renderer::new(lens, target.clone(), SceneLook::default(), SensorModel::default()).unwrap();
         let mut vision = Vision::new(lens, target.clone(), SETTINGS);
-        for harm in ["none", "spot", "rolling shutter", "another lens"] {
+        for harm in ["none", "spot", "shadow", "highlight", "rolling shutter", "another lens"] {
             let mut told = Told::default();
             for k in 0..20 * campaign() {
                 let X_CO = any_view(&target, 0.4, &mut random);
@@ -258,8 +279,10 @@ fn what_is_told_of_boards_grids_and_tags_is_true() {
                     _ => {
                         let mut image = vec![0u8; SIZE.0 * SIZE.1];
                         renderer.render(&[X_CO], k as u64, &mut image);
-                        if harm == "spot" {
-                            spotted(&mut image, &truth, &mut random);
+                        match harm {
+                            "spot" => spotted(&mut image, &truth, &mut random),
+                            "shadow" | "highlight" => lit(&mut image, harm, &truth, &mut random),
+                            _ => {}
                         }
                         image
                     }

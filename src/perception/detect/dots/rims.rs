@@ -54,6 +54,7 @@ pub(super) fn examine_occlusion(
     for dot in found {
         let start = Ellipse { centre_px: dot.px, shape_px2: dot.covariance_px2.map(|c| 4.0 * c) };
         if !start.is_real() || start.axes_px().1 < MIN_AXIS_PX {
+            without_rim(dot);
             continue;
         }
         let contrast = (dot.plate_level - dot.dark_level).abs() as f32;
@@ -67,7 +68,10 @@ pub(super) fn examine_occlusion(
         let far = FAR * start.axes_px().0;
         let mut meter = RimMeter::new(&settings);
         let mut measure = |slack_px| meter.measure(image, &start, light_on_dark, slack_px);
-        let Ok(rim) = measure(SLACK_PX).or_else(|_| measure(far)) else { continue };
+        let Ok(rim) = measure(SLACK_PX).or_else(|_| measure(far)) else {
+            without_rim(dot);
+            continue;
+        };
         // an object beside a dot is measured better at its rim than on its ring
         dot.disturbance_px = 0.0;
         let covariance = rim.fit.centre_covariance_px2();
@@ -92,4 +96,9 @@ pub(super) fn examine_occlusion(
             dot.sd_px = (dot.sd_px * dot.sd_px + off2).sqrt();
         }
     }
+}
+
+/// Where no rim says whether what is dark beside a dot moved its centroid, it may have.
+fn without_rim(dot: &mut Detection) {
+    dot.sd_px = dot.sd_px.hypot(dot.disturbance_px);
 }
