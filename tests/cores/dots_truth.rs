@@ -45,7 +45,7 @@ fn pose(dice: &mut Dice, radius: f64, tilt: f64, away: f64) -> Isometry3<f64> {
 }
 
 /// Any view: radius 4 to 56 px, tilt to 70 degrees, contrast 40 to 200, backgrounds of any level, plain and textured.
-pub(crate) fn any_view(dice: &mut Dice) -> Scene {
+fn any_view(dice: &mut Dice) -> Scene {
     loop {
         let radius = dice.within(4f64.ln(), 37f64.ln()).exp();
         let tilt = dice.within(0.0, 70f64.to_radians());

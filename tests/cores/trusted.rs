@@ -33,7 +33,7 @@ fn seed(usual: u64) -> u64 {
 }
 
 #[derive(Debug, Clone, Copy)]
-pub(crate) enum Harm {
+enum Harm {
     None,
     /// A part of a dot is painted over in the plate's colour.
     Cover,
@@ -43,7 +43,7 @@ pub(crate) enum Harm {
     Shadow,
 }
 
-pub(crate) fn view(dice: &mut Dice) -> Scene {
+fn view(dice: &mut Dice) -> Scene {
     loop {
         let radius = dice.within(6f64.ln(), 35f64.ln()).exp();
         let about = dice.within(-3.2, 3.2);
@@ -65,7 +65,7 @@ pub(crate) fn view(dice: &mut Dice) -> Scene {
 }
 
 /// The image with something on one of the dots.
-pub(crate) fn harmed(kind: Harm, dice: &mut Dice, scene: &Scene) -> Vec<u8> {
+fn harmed(kind: Harm, dice: &mut Dice, scene: &Scene) -> Vec<u8> {
     let mut pixels = scene.render();
     let (c, radius_m) = scene.discs[(dice.unit() * 4.0) as usize % 4];
     let (sin, cos) = dice.within(-3.2, 3.2).sin_cos();
