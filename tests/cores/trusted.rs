@@ -1,5 +1,5 @@
 //! Images in which something lies on a part of a target, by a renderer of the tests' own: what is told of them is honest. The harms are
-//! put on the light, before it becomes bytes.
+//! put on the light, before it becomes bytes. `VSERVO_CAMPAIGN=n` looks at `n` times as many images, `VSERVO_SEED=n` at others.
 
 #![allow(non_snake_case)]
 #![allow(clippy::unwrap_used, clippy::print_stdout)] // helpers of tests; numbers for people
@@ -26,6 +26,11 @@ const SETTINGS: VisionSettings = VisionSettings {
     lens_is_known: true,
     response: Response::Linear,
 };
+
+/// Of the draws.
+fn seed(usual: u64) -> u64 {
+    std::env::var("VSERVO_SEED").ok().and_then(|n| n.parse().ok()).unwrap_or(usual)
+}
 
 #[derive(Debug, Clone, Copy)]
 enum Harm {
@@ -109,6 +114,8 @@ struct Told {
     /// Sum of squares of normalized errors of poses over their degrees of freedom.
     nees: f64,
     max_mm: f64,
+    /// The most standard deviations that a point, and the greatest normalized error that a pose was off.
+    worst: [f64; 2],
 }
 
 /// Standard deviations of a point, and the square of a pose's normalized error (six degrees of freedom), from which on what is told is
@@ -150,6 +157,7 @@ impl Told {
         let error = Vector6::new(moved.x, moved.y, moved.z, turned.x, turned.y, turned.z);
         let square = (error.transpose() * pose.covariance.try_inverse().unwrap() * error)[0];
         self.nees += square / 6.0;
+        self.worst = [self.worst[0].max(sigmas), self.worst[1].max(square.sqrt())];
         self.max_mm = self.max_mm.max(1000.0 * moved.norm());
         if sigmas > MAX_SDS || square > MAX_SQUARE {
             self.untrue.push(format!("{k}: {px:.2} px, {sigmas:.0} sd; pose {square:.0}"));
@@ -157,10 +165,10 @@ impl Told {
     }
 
     fn tell(&self, name: &str) {
-        let Self { unseen, refused, found, by_rim, off, untrue, nees, max_mm } = self;
+        let Self { unseen, refused, found, by_rim, off, untrue, nees, max_mm, worst } = self;
         let nees = nees / f64::from(*found);
         println!(
-            "{name}: {found} found ({by_rim} by rims, {off} off), {refused} refused, {unseen} unseen; NEES {nees:.2}, {max_mm:.2} mm at most; {} untrue {untrue:?}",
+            "{name}: {found} found ({by_rim} by rims, {off} off), {refused} refused, {unseen} unseen; NEES {nees:.2}, {max_mm:.2} mm at most; point, pose {worst:.1?} sd at most; {} untrue {untrue:?}",
             untrue.len()
         );
     }
@@ -168,7 +176,7 @@ impl Told {
 
 #[test]
 fn what_is_told_of_harmed_dots_is_true() {
-    let mut dice = Dice(5);
+    let mut dice = Dice(seed(5));
     let target = Target::from(FourDots::default());
     for kind in [Harm::None, Harm::Cover, Harm::Glare, Harm::Shadow] {
         let mut told = Told::default();
@@ -222,6 +230,27 @@ fn spotted(image: &mut [u8], truth: &[Vector2<f64>], random: &mut Random) {
     }
 }
 
+/// A shadow with a soft edge across one of the target's points, or a highlight near it, a few pixels to tens of them in size.
+fn lit(image: &mut [u8], harm: &str, truth: &[Vector2<f64>], random: &mut Random) {
+    let mut within = |low: f64, high: f64| low + (high - low) * random.uniform();
+    let point = truth[within(0.0, truth.len() as f64) as usize % truth.len()];
+    let (sin, cos) = within(-3.2, 3.2).sin_cos();
+    let (gain, soft, size) = (within(0.4, 0.85), within(1.5, 30.0), within(3.0, 15.0));
+    let at = point
+        + Vector2::new(within(-1.0, 1.0), within(-1.0, 1.0)) * if harm == "shadow" { soft } else { size };
+    for (i, byte) in image.iter_mut().enumerate() {
+        let d = Vector2::new((i % SIZE.0) as f64, (i / SIZE.0) as f64) - at;
+        let level = f64::from(*byte);
+        let new = if harm == "shadow" {
+            let across = (d.x * cos + d.y * sin) / soft;
+            level * (gain + (1.0 - gain) / (1.0 + (-2.0 * across).exp()))
+        } else {
+            level + 255.0 * (-0.5 * (d.norm() / size).powi(4)).exp()
+        };
+        *byte = new.round().clamp(0.0, 255.0) as u8;
+    }
+}
+
 /// What is covered in part, and what is smooth over the image: rows that are exposed one after the other, a lens that is not the one of
 /// the calibration.
 #[test]
@@ -232,11 +261,11 @@ fn what_is_told_of_boards_grids_and_tags_is_true() {
     for (name, target) in
         [("chessboard", board()), ("tags", tags()), ("one tag", tag.into()), ("grid", grid.into())]
     {
-        let (lens, mut random) = (lens(), Random::new(9));
+        let (lens, mut random) = (lens(), Random::new(seed(9)));
         let mut renderer =
             Renderer::new(lens, target.clone(), SceneLook::default(), SensorModel::default()).unwrap();
         let mut vision = Vision::new(lens, target.clone(), SETTINGS);
-        for harm in ["none", "spot", "rolling shutter", "another lens"] {
+        for harm in ["none", "spot", "shadow", "highlight", "rolling shutter", "another lens"] {
             let mut told = Told::default();
             for k in 0..20 * campaign() {
                 let X_CO = any_view(&target, 0.4, &mut random);
@@ -250,8 +279,10 @@ fn what_is_told_of_boards_grids_and_tags_is_true() {
                     _ => {
                         let mut image = vec![0u8; SIZE.0 * SIZE.1];
                         renderer.render(&[X_CO], k as u64, &mut image);
-                        if harm == "spot" {
-                            spotted(&mut image, &truth, &mut random);
+                        match harm {
+                            "spot" => spotted(&mut image, &truth, &mut random),
+                            "shadow" | "highlight" => lit(&mut image, harm, &truth, &mut random),
+                            _ => {}
                         }
                         image
                     }

@@ -4,7 +4,7 @@
 //! one would have to be to give the same sum there:
 //!
 //! ```text
-//! position = c + ((A + B) (2 h + 1) / 2 - sum) / (A - B)
+//! position = c + ((A + B) (2 h + 1) / 2 - sum) / (B - A)
 //! ```
 //! For a straight edge in even light this has no bias, whatever the blur and the angle, and noise enters through known weights. Scans
 //! of different rows share no pixel, so their errors are independent.

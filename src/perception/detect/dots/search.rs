@@ -9,7 +9,7 @@
 
 use super::finder::{DotFinder, SearchEffort};
 use crate::detect::Detection;
-use crate::imaging::{Histogram, ImageView, Window};
+use crate::imaging::{Histogram, ImageView, Otsu, Window};
 use crate::messages::TargetStatus;
 
 /// Pixels that the histogram samples, in whole rows, and the fewest and the most of these. Chosen by hand: as many as 320 x 240 has, so that
@@ -37,6 +37,19 @@ const TAIL: f64 = 2e-4;
 /// hand: near either end, since blur and uneven light leave most room there; half-way comes late, since noise of the ground makes most runs there.
 const SHARES: [u8; 5] = [36, 184, 72, HALF, 220];
 const HALF: u8 = 128;
+/// What a frame without a dot is called that nowhere differs from its own noise: where its darker and its lighter pixels are as far apart as dots in any light, a
+/// pattern as fine as noise has filled it. Of samples with one level only, all pixels are looked at.
+fn why_flat(dark: &ImageView<'_>, otsu: Option<&Otsu>) -> TargetStatus {
+    let apart = otsu.map_or_else(
+        || {
+            let levels = || (0..dark.height()).flat_map(|y| dark.row(y).iter().copied());
+            f64::from(levels().max().unwrap_or(0) - levels().min().unwrap_or(0))
+        },
+        |otsu| otsu.light_mean - otsu.dark_mean,
+    );
+    if apart >= CONTRAST_LEVELS.1 { TargetStatus::NoMatch } else { TargetStatus::NoContrast }
+}
+
 /// Pixels for each run: with fewer, another threshold is likelier to show the target, and sooner. Small frames may have so many runs. Chosen by
 /// hand: a scene has some runs a row, a row of noise one in four pixels; what is put off is searched later, so that it only changes the order.
 const PIXELS_OF_RUN: usize = 64;
@@ -52,7 +65,7 @@ impl DotFinder {
     ) -> Result<(), TargetStatus> {
         found.clear();
         let histogram = sampled(dark);
-        let Some(otsu) = histogram.otsu() else { return Err(TargetStatus::NoContrast) };
+        let Some(otsu) = histogram.otsu() else { return Err(why_flat(dark, None)) };
         // what is put off may be the clearest image of a grid, of which not all thresholds are tried
         let few = (dark.width() * dark.height() / PIXELS_OF_RUN).max(FEW_RUNS);
         let most = if self.insists() { few } else { usize::MAX };
@@ -76,7 +89,7 @@ impl DotFinder {
         let greatest = self.local.set(dark, contrast as u8, 0);
         if f64::from(greatest) < (FLAT_SDS * noise + FLAT_LEVELS).max(least) {
             let found = put_off && self.search_otsu(dark, image, otsu.threshold, found).is_ok();
-            return if found { Ok(()) } else { Err(TargetStatus::NoContrast) };
+            return if found { Ok(()) } else { Err(why_flat(dark, Some(&otsu))) };
         }
         // Two targets stay two, whatever else shows only one of them; but half-way, where blur spoils sizes least, has the last word.
         let mut ambiguous = first == Err(TargetStatus::Ambiguous);
@@ -264,7 +277,9 @@ fn tails(histogram: &Histogram) -> (u32, u32) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::camera_model::{CameraModel, Distortion, Intrinsics};
     use crate::linalg::Random;
+    use crate::target::{DotGrid, FourDots};
 
     #[test]
     fn noise_is_told_beside_edges() {
@@ -289,5 +304,37 @@ mod tests {
         pixels.extend([50; 400]);
         let (low, high) = tails(&Histogram::of(&ImageView::new(&pixels, 10_400, 1).unwrap()));
         assert_eq!((low, high), (50, 100));
+    }
+
+    #[test]
+    fn black_and_white_patterns_have_contrast() {
+        let mut random = Random::new(4);
+        let noise: Vec<bool> = (0..640 * 480).map(|_| random.uniform() < 0.5).collect();
+        let camera = CameraModel::new(
+            Intrinsics {
+                fx_px: 600.0,
+                fy_px: 600.0,
+                cx_px: 320.0,
+                cy_px: 240.0,
+                width_px: 640,
+                height_px: 480,
+            },
+            Distortion::default(),
+        )
+        .unwrap();
+        let status = |white: &dyn Fn(usize) -> bool, range: [u8; 2]| {
+            let pixels: Vec<u8> = (0..640 * 480).map(|i| range[usize::from(white(i))]).collect();
+            let image = ImageView::new(&pixels, 640, 480).unwrap();
+            for target in [FourDots::default().into(), DotGrid::with_pitch(7, 5, 0.03).unwrap().into()] {
+                let mut finder = DotFinder::new(camera, &target, false);
+                let status = finder.search(&image, &mut Vec::new()).unwrap_err();
+                assert_eq!(status == TargetStatus::NoContrast, range[1] < 100, "{status:?}");
+            }
+        };
+        for range in [[0, 255], [0, 4]] {
+            status(&|i| noise[i], range);
+            status(&|i| i % 2 == 0, range);
+            status(&|i| i / 640 % 2 == 0, range);
+        }
     }
 }
