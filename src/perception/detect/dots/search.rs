@@ -37,6 +37,11 @@ const TAIL: f64 = 2e-4;
 /// hand: near either end, since blur and uneven light leave most room there; half-way comes late, since noise of the ground makes most runs there.
 const SHARES: [u8; 5] = [36, 184, 72, HALF, 220];
 const HALF: u8 = 128;
+/// Pixels for each run: with fewer, another threshold is likelier to show the target, and sooner. Small frames may have so many runs. Chosen by
+/// hand: a scene has some runs a row, a row of noise one in four pixels; what is put off is searched later, so that it only changes the order.
+const PIXELS_OF_RUN: usize = 64;
+const FEW_RUNS: usize = 1000;
+
 /// What a frame without a dot is called that nowhere differs from its own noise: where its darker and its lighter pixels are as far apart as dots in any light, a
 /// pattern as fine as noise has filled it. Of samples with one level only, all pixels are looked at.
 fn why_flat(dark: &ImageView<'_>, otsu: Option<&Otsu>) -> TargetStatus {
@@ -49,11 +54,6 @@ fn why_flat(dark: &ImageView<'_>, otsu: Option<&Otsu>) -> TargetStatus {
     );
     if apart >= CONTRAST_LEVELS.1 { TargetStatus::NoMatch } else { TargetStatus::NoContrast }
 }
-
-/// Pixels for each run: with fewer, another threshold is likelier to show the target, and sooner. Small frames may have so many runs. Chosen by
-/// hand: a scene has some runs a row, a row of noise one in four pixels; what is put off is searched later, so that it only changes the order.
-const PIXELS_OF_RUN: usize = 64;
-const FEW_RUNS: usize = 1000;
 
 impl DotFinder {
     /// The search in `dark`, the frame in which dots are dark; they are measured in `image`.
