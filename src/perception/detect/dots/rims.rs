@@ -39,9 +39,9 @@ const CHANCE_SDS: f64 = 3.0;
 /// Below this half axis, px, the fit of a rim whose part is hidden may take the cover's edge for rim, and the centroid follows it. Measured: 4 of 317 covers of
 /// dots with half axes of 5.9 to 7.9 px, none above.
 const SHORT_RIM_PX: f64 = 10.0;
-/// Squared residuals per degree of freedom of a short rim that is none of a whole dot: those of 3 000 whole dots were 3.9 at most, those of the four 13 to 81.
+/// Squared residuals per degree of freedom of a short rim that is none of a whole dot. Measured: those of 3 000 whole dots were 3.9 at most, those of the four 13 to 81.
 const MISSHAPEN: f64 = 6.0;
-/// Their centroids were 3 to 4 times as far off as the rim's points lie from its ellipse (root mean square).
+/// Measured: their centroids were 3 to 4 times as far off as the rim's points lie from its ellipse (root mean square).
 const MISSHAPEN_SDS: f64 = 3.0;
 
 /// Replaces the centres of dots that are partly occluded or unevenly lit by those of the rest of their rims; adds their ids to `harmed`.
