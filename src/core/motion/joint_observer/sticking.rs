@@ -3,14 +3,14 @@
 use crate::time::TICK;
 use nalgebra::SVector;
 
-/// A joint stands still that is slower than this, rad/s or m/s, while its error is to decay with at least the speed [`PULLED`]: chosen by hand, and not varied. Smooth
-/// friction lets a joint creep with 1e-6 rad/s and more under any torque.
+/// A joint stands still that is slower than this, rad/s or m/s, for [`STILL_TICKS`], while its error is to decay with at least the speed [`PULLED`]: all three are chosen by hand, and were not varied.
+/// Smooth friction lets a joint creep with 1e-6 rad/s and more under any torque.
 const STILL: f64 = 1e-9;
-const PULLED: f64 = 1e-4; // the speed of the error; chosen by hand with the one above
+const PULLED: f64 = 1e-4;
 const STILL_TICKS: u32 = 20;
 /// Between two steps of its encoder a joint seems to move as its model does. It stands there whose reading has stayed the same while the error would have decayed by so many
 /// steps, and for so many ticks. Measured on 84 draws of `tests/cores/everything_at_once.rs` in which UR5, Panda and xArm7 had hunted: with 1, 2 and 4 steps 29, 29 and 32 of them converge,
-/// with 20, 50 and 150 ticks 27, 29 and 23; without this 9.
+/// with 20, 50 and 150 ticks 27, 29 and 23; without this 9. (Before the way was a sum with signs, and with the whole stiffness.)
 const SAME_STEPS: f64 = 4.0;
 const SAME_TICKS: u32 = 50;
 /// The coarsest step behind which that tells anything, rad or m: an arm that swings about its goal by less than a step looks the same. Measured: a UR5 with steps of 3e-4 rad, a load and late

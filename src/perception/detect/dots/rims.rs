@@ -30,8 +30,8 @@ const MODEL_PX: f64 = 0.02;
 /// corner is seen as one. By a share of it, and by another one that falls with the cube of the half axis. Measured over 950 rims of dots under
 /// shadows, covers and glare: per coordinate 0.07 of what moved centroids (root mean square), 0.25 at a half axis of 6 px under covers, a twentieth at 13 px.
 const MOVED_SHARE: f64 = 0.07;
-const SHORT_SHARE: f64 = 0.25;
-const SHORT_PX: f64 = 6.0;
+const SHORT_SHARE: f64 = 0.25; // measured with the one above, at a half axis of
+const SHORT_PX: f64 = 6.0; // this, of the same measurement
 /// From so many standard deviations on what centroid and rim differ by is no chance, and the one that is told is not told more exactly. Derived: of
 /// two normal coordinates chance makes it once in 90.
 const CHANCE_SDS: f64 = 3.0;
