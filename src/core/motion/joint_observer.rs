@@ -196,8 +196,8 @@ impl<const N: usize> JointObserver<N> {
     }
 
     /// Whether each joint has been found to stick.
-    pub(super) fn sticks(&self) -> &[bool; N] {
-        self.sticking.joints()
+    pub(super) fn sticks(&self) -> [bool; N] {
+        std::array::from_fn(|i| self.sticking.stiffness()[i] > 0.0)
     }
 
     /// The share of the model's friction that has been confirmed.
@@ -413,7 +413,9 @@ impl<const N: usize> JointObserver<N> {
                 };
                 // A joint that sticks near its reference is left alone: torque that grows until it leaps would make it hunt.
                 let w = commanded.velocity[i].abs();
-                if self.sticking.joints()[i] && speed.abs() < STANDS && w.max(commanded.slip[i].abs()) < STUCK
+                if self.sticking.stiffness()[i] > 0.0
+                    && speed.abs() < STANDS
+                    && w.max(commanded.slip[i].abs()) < STUCK
                 {
                     continue;
                 }

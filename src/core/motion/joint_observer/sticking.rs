@@ -36,20 +36,18 @@ pub(super) struct StandingTick {
 /// Whether each joint has been found to stick.
 #[derive(Debug, Clone)]
 pub(super) struct Sticking<const N: usize> {
-    sticks: [bool; N],
     still_ticks: [u32; N],
     readings: SVector<f64, N>,
     same_ticks: [u32; N],
     /// By how much the error of each should have decayed meanwhile, rad or m.
     ways: SVector<f64, N>,
-    /// The share of the stiffness for joints that stick which each has.
+    /// The share of the stiffness for joints that stick which each has; none where it was not found to stick.
     stiffness: SVector<f64, N>,
 }
 
 impl<const N: usize> Default for Sticking<N> {
     fn default() -> Self {
         Self {
-            sticks: [false; N],
             still_ticks: [0; N],
             readings: SVector::repeat(f64::NAN),
             same_ticks: [0; N],
@@ -60,11 +58,7 @@ impl<const N: usize> Default for Sticking<N> {
 }
 
 impl<const N: usize> Sticking<N> {
-    pub(super) fn joints(&self) -> &[bool; N] {
-        &self.sticks
-    }
-
-    /// The share of the stiffness for joints that stick which each may have.
+    /// The share of the stiffness for joints that stick which each may have; none for joints that do not.
     pub(super) fn stiffness(&self) -> &SVector<f64, N> {
         &self.stiffness
     }
@@ -74,13 +68,13 @@ impl<const N: usize> Sticking<N> {
         let same = if tick.reading == self.readings[i] { self.same_ticks[i].saturating_add(1) } else { 0 };
         (self.readings[i], self.same_ticks[i]) = (tick.reading, same);
         self.ways[i] = if same > 0 { self.ways[i] + TICK.as_s() * tick.slip } else { 0.0 };
-        let is_same =
-            same > SAME_TICKS && tick.step <= COARSEST_STEP && self.ways[i].abs() > SAME_STEPS * tick.step;
+        // Of steps that nobody told, and that were not found yet, nothing is known.
+        let tells = tick.step > 0.0 && tick.step <= COARSEST_STEP;
+        let is_same = tells && same > SAME_TICKS && self.ways[i].abs() > SAME_STEPS * tick.step;
         let is_still = tick.speed.abs() < STILL;
         let is_held = tick.has_coulomb && (is_still || is_same) && tick.slip.abs() > PULLED;
         self.still_ticks[i] = if is_held && !probing { self.still_ticks[i] + 1 } else { 0 };
         if self.still_ticks[i] >= STILL_TICKS {
-            self.sticks[i] = true;
             let share = if is_still { 1.0 } else { STIFFNESS_OF_SAME };
             self.stiffness[i] = self.stiffness[i].max(share);
         }
@@ -91,32 +85,33 @@ impl<const N: usize> Sticking<N> {
 mod tests {
     use super::*;
 
-    /// The stiffness of a joint with an encoder of `step` that creeps with `speed` for two seconds, while its error is to decay with `slip`: none where it is not found to stick.
-    fn stiffness(speed: f64, step: f64, slip: f64) -> f64 {
+    /// The stiffness of a joint with an encoder of `step`, of which nobody knows where `is_known` is not set, that creeps with `speed` for two seconds, while its error is to decay with `slip`: none where it is not found to stick.
+    fn stiffness(speed: f64, (step, is_known): (f64, bool), slip: f64) -> f64 {
         let mut sticking = Sticking::<1>::default();
         for k in 0..2000 {
             let q = speed * f64::from(k) * TICK.as_s();
             let reading = if step > 0.0 { step * (q / step).round() } else { q };
             // Behind a coarse encoder its model believes that it moves.
             let believed = if step > 0.0 { 1e-4 } else { speed };
+            let step = if is_known { step } else { 0.0 };
             sticking.note(
                 0,
                 false,
                 &StandingTick { reading, step, speed: believed, slip, has_coulomb: true },
             );
         }
-        assert_eq!(sticking.joints()[0], sticking.stiffness()[0] > 0.0);
         sticking.stiffness()[0]
     }
 
     #[test]
     fn a_joint_that_stands_sticks_behind_coarse_encoders_too() {
         for (step, share) in [(0.0, 1.0), (1e-5, 0.5), (1e-4, 0.5)] {
-            assert_eq!(stiffness(0.0, step, 4e-3), share, "{step}");
-            assert_eq!(stiffness(3e-3, step, 4e-3), 0.0, "{step}: one that moves");
-            assert_eq!(stiffness(0.0, step, 5e-5), 0.0, "{step}: one that is to stand");
+            assert_eq!(stiffness(0.0, (step, true), 4e-3), share, "{step}");
+            assert_eq!(stiffness(3e-3, (step, true), 4e-3), 0.0, "{step}: one that moves");
+            assert_eq!(stiffness(0.0, (step, true), 5e-5), 0.0, "{step}: one that is to stand");
         }
-        assert_eq!(stiffness(0.0, 2e-4, 4e-3), 0.0, "between two steps it may swing");
-        assert_eq!(stiffness(1e-6, 0.0, 4e-3), 0.0, "one that creeps");
+        assert_eq!(stiffness(0.0, (2e-4, true), 4e-3), 0.0, "between two steps it may swing");
+        assert_eq!(stiffness(0.0, (1e-4, false), 4e-3), 0.0, "an encoder that is taken for exact");
+        assert_eq!(stiffness(1e-6, (0.0, true), 4e-3), 0.0, "one that creeps");
     }
 }
