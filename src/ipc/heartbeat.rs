@@ -25,6 +25,8 @@ pub struct Heartbeat {
 impl Heartbeat {
     pub(super) fn new(file: OwnedFd) -> Self {
         let heartbeat = Self { file, last: Cell::new(MonoNs::ZERO) };
+        // Before the first beat: what a dead process of the role said is not said by this one.
+        heartbeat.tell_progress(0);
         heartbeat.beat();
         heartbeat
     }
@@ -48,7 +50,9 @@ impl Instance {
     /// The last sign of life of the process that plays `role`; `None` before the first.
     #[must_use]
     pub fn last_heartbeat(&self, role: Role) -> Option<MonoNs> {
-        self.number_of(role, 0).map(|bytes| MonoNs(i64::from_le_bytes(bytes)))
+        let last = self.number_of(role, 0).map(|bytes| MonoNs(i64::from_le_bytes(bytes)))?;
+        // What stands behind it in the file is written earlier, and leaves zeroes here.
+        (last != MonoNs::ZERO).then_some(last)
     }
 
     /// How far the process that plays `role` said that it has come; `None` where it has not.

@@ -416,6 +416,8 @@ mod tests {
         let i = instance("heartbeat");
         let lock = i.lock(VISION).unwrap();
         assert_eq!(i.last_heartbeat(VISION), None, "not before the first");
+        lock.state(&[("clock".to_owned(), "lockstep".to_owned())].into());
+        assert_eq!(i.last_heartbeat(VISION), None, "what else is told in the file is no sign of life");
         let before = crate::rt::now();
         let heartbeat = lock.heartbeat().unwrap();
         let seen = i.last_heartbeat(VISION).unwrap();
@@ -423,7 +425,13 @@ mod tests {
         heartbeat.beat();
         assert!(i.last_heartbeat(VISION).unwrap() >= seen);
         assert_eq!(i.last_heartbeat(CAMERA), None);
+        heartbeat.tell_progress(7);
+        assert_eq!(i.progress(VISION), Some(7));
         drop((heartbeat, lock)); // both hold the role: they share its file
+        let next = i.lock(VISION).unwrap();
+        let heartbeat = next.heartbeat().unwrap();
+        assert_eq!(i.progress(VISION), Some(0), "the next process has not come as far as the last one");
+        drop((heartbeat, next));
         i.remove_leftovers(None);
     }
 

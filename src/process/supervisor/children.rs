@@ -2,6 +2,7 @@
 //! then the others.
 
 use super::child::{Child, ProcessEnd};
+use super::hang_watch::Heart;
 use super::{RunOutputs, Watch};
 use crate::config::Config;
 use crate::config::{CameraProgram, Clock, DriveKind, DriveProgram, Source};
@@ -69,8 +70,9 @@ impl<'a> Children<'a> {
             if outputs.report.is_some() { SHUTDOWN_WITH_IMAGES } else { SHUTDOWN_OF_OTHERS };
         let mut recorder = None;
         if outputs.recording.is_some() {
+            let heart = Heart::of(Role::Recorder, instance, now());
             let child = recorder.insert(Child::spawn(Role::Recorder, instance, written, outputs)?);
-            wait_for_recorder(child, instance);
+            wait_for_recorder(child, instance, heart);
         }
         let mut guardian = guardian::is_wanted(config)
             .then(|| Child::spawn(Role::Guardian, instance, written, outputs))
@@ -203,19 +205,15 @@ fn end_all(children: &mut [Child], patience: SpanNs) {
     }
 }
 
-/// Waits until the recorder misses nothing any more: its first sign of life comes when it joins, the second from its main loop.
-fn wait_for_recorder(recorder: &mut Child, instance: &Instance) {
-    let (start, mut first) = (now(), None);
-    while recorder.poll().is_none() {
-        if let Some(heartbeat) = instance.last_heartbeat(Role::Recorder)
-            && *first.get_or_insert(heartbeat) != heartbeat
-        {
-            return;
-        }
+/// Waits until the recorder misses nothing any more: until its main loop comes round.
+fn wait_for_recorder(recorder: &mut Child, instance: &Instance, mut heart: Heart) {
+    let start = now();
+    while recorder.poll().is_none() && !heart.works() {
         if now() - start > RECORDER_JOINS {
             return warn!("the recorder does not come: the recording may lack the beginning of the run");
         }
         std::thread::sleep(Duration::from_millis(2));
+        heart.listen(instance, now());
     }
 }
 

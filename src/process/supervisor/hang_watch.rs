@@ -39,7 +39,7 @@ pub(super) struct HangWatch {
 
 /// The heartbeats of a process.
 #[derive(Debug, Clone, Copy)]
-struct Heart {
+pub(super) struct Heart {
     role: Role,
     sign: Sign,
     /// The last one of the process that played the role before: it is none of this one.
@@ -51,17 +51,24 @@ struct Heart {
 }
 
 impl Heart {
-    fn of(role: Role, instance: &Instance, now: MonoNs) -> Self {
+    /// Of a process that is about to be started.
+    pub(super) fn of(role: Role, instance: &Instance, now: MonoNs) -> Self {
         Self { role, sign: Sign::new(now), stale: instance.last_heartbeat(role), beats: 0, is_away: false }
     }
 
-    fn listen(&mut self, instance: &Instance, now: MonoNs) {
+    /// Looks for a new one.
+    pub(super) fn listen(&mut self, instance: &Instance, now: MonoNs) {
         let heartbeat = instance.last_heartbeat(self.role).filter(|last| self.stale != Some(*last));
         if let Some(heartbeat) = heartbeat
             && self.sign.seen(heartbeat.0, now)
         {
             self.beats = self.beats.saturating_add(1);
         }
+    }
+
+    /// Whether its main loop comes round.
+    pub(super) fn works(&self) -> bool {
+        self.beats >= WORKS && !self.is_away
     }
 }
 
@@ -91,7 +98,7 @@ impl HangWatch {
 
     /// Those whose main loop comes round.
     pub(super) fn working(&self) -> impl Iterator<Item = Role> {
-        self.heartbeats.iter().filter(|heart| heart.beats >= WORKS && !heart.is_away).map(|heart| heart.role)
+        self.heartbeats.iter().filter(|heart| heart.works()).map(|heart| heart.role)
     }
 
     /// Control said where the run stands.
@@ -114,7 +121,7 @@ impl HangWatch {
         for heart in self.heartbeats.iter_mut().filter(|heart| !heart.is_away) {
             heart.listen(&self.instance, now);
             let can_be_mended = heart.role != Role::Control && self.clock == Clock::Realtime;
-            let patience = if can_be_mended && heart.beats >= WORKS {
+            let patience = if can_be_mended && heart.works() {
                 Patience { silence: START_ANEW_AFTER, then: "it is started anew" }
             } else {
                 ENDS_THE_RUN
