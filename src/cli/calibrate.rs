@@ -4,24 +4,21 @@
 
 mod answer;
 mod boards;
+mod by_motion;
 mod camera;
 mod from_run;
 mod hand_eye;
-mod latency;
 mod live;
-mod load;
 mod stage;
 mod stereo;
 
+pub use by_motion::MotionArguments;
+use by_motion::{Sought, by_motion};
 use camera::camera;
 pub use from_run::CalibrateFromArguments;
 use from_run::from_run;
 pub use hand_eye::HandEyeArguments;
 use hand_eye::hand_eye;
-pub use latency::LatencyArguments;
-use latency::latency;
-pub use load::LoadArguments;
-use load::load;
 use stereo::stereo;
 
 use super::calibrate_arguments::{CalibrateCameraArguments, CalibrateStereoArguments};
@@ -34,9 +31,9 @@ use clap::Subcommand;
 #[derive(Debug, Subcommand)]
 pub enum Calibration {
     /// Move the arm gently before the target for 8 s and find the offset between the stamps of camera and encoders
-    Latency(LatencyArguments),
+    Latency(MotionArguments),
     /// Move the arm gently through some postures and find what its flange carries, from the torques
-    Load(LoadArguments),
+    Load(MotionArguments),
     /// Refine lens, mount, stamps and size of the target by what a run has seen: its recording, or its report
     From(CalibrateFromArguments),
     /// The lens of a camera from images of a chessboard, how good it is, and which image is missing
@@ -50,8 +47,8 @@ pub enum Calibration {
 /// Calibrates; the exit code.
 pub(super) fn calibrate(what: &Calibration) -> Result<u8, ProcessError> {
     match what {
-        Calibration::Latency(arguments) => latency(arguments),
-        Calibration::Load(arguments) => load(arguments),
+        Calibration::Latency(arguments) => by_motion(Sought::Latency, arguments),
+        Calibration::Load(arguments) => by_motion(Sought::Load, arguments),
         Calibration::From(arguments) => from_run(arguments),
         Calibration::HandEye(arguments) => hand_eye(arguments),
         Calibration::Camera(arguments) => camera(arguments),

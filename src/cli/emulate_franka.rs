@@ -1,16 +1,15 @@
 //! `vservo emulate franka`: the arm of a run file behind a controller that speaks FCI.
 
+use super::emulate::{attend, tell_of, timed_fault};
 use super::emulated_plant::{EMULATOR_PRIORITY, EmulatedPlant};
 use crate::config::Config;
 use crate::config::assemble::q_start;
 use crate::process::{ProcessError, StopFlag};
-use crate::rt::{now, tell, with_priority};
+use crate::rt::{tell, with_priority};
 use clap::Args;
 use nalgebra::SVector;
 use std::net::IpAddr;
 use std::path::PathBuf;
-use std::str::FromStr;
-use std::time::Duration;
 use vservo_franka::emulator::{Emulator, EmulatorSettings, Fault, JointPlant};
 use vservo_franka::wire::Load;
 use vservo_franka::{JOINTS, JointLimits, Joints};
@@ -39,13 +38,6 @@ pub struct EmulateFrankaArguments {
     /// What goes wrong, and when, s after the start: for example reflex@12.5; may be repeated
     #[arg(long, value_name = "FAULT@S", value_parser = timed_fault::<Fault>)]
     pub fault: Vec<(Fault, f64)>,
-}
-
-/// A fault of either maker's emulator, and when it comes, s: `reflex@12.5`.
-pub(super) fn timed_fault<F: FromStr<Err = String>>(text: &str) -> Result<(F, f64), String> {
-    let (word, time) = text.split_once('@').unwrap_or((text, "0"));
-    let seconds: f64 = time.parse().map_err(|_| format!("`{time}` is no time"))?;
-    Ok((word.parse()?, seconds))
 }
 
 /// Emulates a robot until a stop is requested.
@@ -82,24 +74,8 @@ pub(super) fn emulate_franka(arguments: &EmulateFrankaArguments) -> Result<u8, P
     };
     let emulator =
         with_priority(arguments.priority, || Emulator::start(settings)).map_err(ProcessError::Emulator)?;
-    tell(format_args!("a robot that is none listens on {}, for this machine alone", emulator.address()));
-    let start = now();
-    let mut faults = arguments.fault.clone();
-    while !stop.is_requested() {
-        faults.retain(|(fault, after_s)| {
-            let due = (now() - start).as_s() >= *after_s;
-            if due {
-                tell(format_args!("now: {fault:?}"));
-                emulator.inject(*fault);
-            }
-            !due
-        });
-        for line in emulator.log() {
-            tell(format_args!("controller: {}", crate::input::printable(&line)));
-        }
-        // Chosen by hand: nobody notices it.
-        std::thread::sleep(Duration::from_millis(20));
-    }
+    tell_of(emulator.address());
+    attend(&stop, &arguments.fault, |fault| emulator.inject(fault), || emulator.log());
     Ok(0)
 }
 

@@ -52,7 +52,7 @@ pub use arguments::{
     TeachViewArguments,
 };
 pub use benchmark::BenchmarkArguments;
-pub use calibrate::{CalibrateFromArguments, Calibration, HandEyeArguments, LatencyArguments, LoadArguments};
+pub use calibrate::{CalibrateFromArguments, Calibration, HandEyeArguments, MotionArguments};
 pub use calibrate_arguments::{
     BoardArguments, CalibrateCameraArguments, CalibrateStereoArguments, LensModelArgument, OddCoefficients,
 };
