@@ -4,6 +4,7 @@ use super::ctl_arguments::{CtlArguments, CtlCommand, FixedNumbers, NumberList, S
 use super::do_program::do_program;
 use super::{check_writable, json, shown, write_result};
 use crate::client::{Client, RunAnswer, Setting, USUAL_WAIT_S, WaitEnd, WaitFor};
+use crate::config::GoalFile;
 use crate::control::outcome::Outcome;
 use crate::geometry::Pose;
 use crate::input::printable;
@@ -108,6 +109,13 @@ fn rotation(rpy_deg: Option<FixedNumbers<3>>, xyzw: Option<FixedNumbers<4>>) -> 
 /// Teaches, and writes the goal into a file.
 fn save(client: &Client, path: &Path, timeout_s: f64) -> Result<u8, ProcessError> {
     check_writable(path)?;
+    // It may be the daemon's own run file, of which this command knows nothing.
+    let is_other = |text: String| !text.trim().is_empty() && !GoalFile::is_one(&text);
+    if path.is_file() && std::fs::read_to_string(path).is_ok_and(is_other) {
+        let path = printable(&path.display().to_string());
+        tell(format_args!("vservo: {path} is there and no taught goal, so that it is not overwritten"));
+        return Ok(2);
+    }
     match client.taught(timeout_s)? {
         Ok(goal) => Ok(write_result(path, goal.to_toml(), 0)),
         Err(why) => {

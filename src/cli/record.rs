@@ -1,7 +1,7 @@
 //! `vservo record`.
 
 use super::completion;
-use super::{config_on_stdin, doctor, json, shown, warn};
+use super::{check_writable, config_on_stdin, doctor, json, shown, warn};
 use crate::config::Config;
 use crate::ipc::Instance;
 use crate::process::recorder::{self, RecordedFile};
@@ -44,8 +44,12 @@ pub(super) fn record(arguments: &RecordArguments) -> Result<u8, ProcessError> {
         path => config_of_run(path.as_deref(), &arguments.set, &instance)?,
     };
     match arguments.supervised_by {
-        Some(supervisor) => process::follow_parent(supervisor, &stop), // which has warned
-        None => warn(&config),
+        // which has warned, and looked at the file
+        Some(supervisor) => process::follow_parent(supervisor, &stop),
+        None => {
+            warn(&config);
+            check_writable(&arguments.out)?;
+        }
     }
     let end = recorder::run(&config, &instance, &stop, &arguments.out, &files(&config))?;
     let exit_code = if arguments.supervised_by.is_some() {

@@ -436,6 +436,25 @@ mod tests {
     }
 
     #[test]
+    fn a_process_that_works_long_is_alive() {
+        let i = instance("works");
+        let lock = i.lock(VISION).unwrap();
+        let heartbeat = lock.heartbeat().unwrap();
+        let first = i.last_heartbeat(VISION).unwrap();
+        let long = crate::time::SpanNs(10_000_000_000);
+        let heard = heartbeat.beat_during(long, || {
+            let start = crate::rt::now();
+            while i.last_heartbeat(VISION) == Some(first) && crate::rt::now() - start < long {
+                std::thread::sleep(std::time::Duration::from_millis(5));
+            }
+            i.last_heartbeat(VISION)
+        });
+        assert!(heard.unwrap() > first);
+        drop((heartbeat, lock));
+        i.remove_leftovers(None);
+    }
+
+    #[test]
     fn leftovers_of_the_dead_go_but_own_locks_stay() {
         let i = instance("leftovers");
         let _lock = i.lock(Role::Supervisor).unwrap();

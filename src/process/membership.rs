@@ -4,6 +4,7 @@ use super::error::Disagreements;
 use super::{LeftoversGuard, ProcessError};
 use crate::config::Config;
 use crate::ipc::{Heartbeat, Instance, Role, RoleLock, Services};
+use crate::time::SpanNs;
 
 /// A held role and the connection to shared memory. The fields are given back in the order in which they stand:
 /// first the connection, then the role, and then, by the last process, the instance's directory itself.
@@ -43,6 +44,14 @@ impl Membership {
     pub fn beat(&self) {
         if let Some(heartbeat) = &self.heartbeat {
             heartbeat.beat();
+        }
+    }
+
+    /// Beats while `work` is done, for `longest` at most.
+    pub fn beat_during<T>(&self, longest: SpanNs, work: impl FnOnce() -> T) -> T {
+        match &self.heartbeat {
+            Some(heartbeat) => heartbeat.beat_during(longest, work),
+            None => work(),
         }
     }
 

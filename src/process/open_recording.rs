@@ -2,6 +2,7 @@
 
 use super::ProcessError;
 use crate::config::Config;
+use crate::input::used;
 use crate::record::{ABOUT, RUN_FILE, RecordingError, RecordingReader};
 use crate::replay::{self, ReplayError};
 use crate::robot;
@@ -44,6 +45,7 @@ impl OpenRecording {
     /// When it cannot be read.
     pub fn reader_of(path: &Path) -> Result<RecordingReader<BufReader<File>>, ReplayError> {
         let file = File::open(path).map_err(RecordingError::from)?;
+        used::note_path(path);
         Ok(RecordingReader::open(BufReader::new(file))?)
     }
 }

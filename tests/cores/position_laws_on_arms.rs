@@ -37,14 +37,29 @@ fn an_arm_that_cannot_tilt_its_camera_is_told_so() {
     }
 }
 
-/// Seven joints, light wrist: scheme A with gains that its accelerations bear.
+/// Seven joints and a light wrist, which the gains of the text would accelerate by hundreds of times what it may: the law is lessened, and not turned.
 #[test]
-fn a_panda_under_scheme_a_converges_with_soft_gains() {
-    let gains = ["stiffness_n_m=50", "damping_ns_m=50"].map(|gain| format!("servo.pd.position_{gain}"));
-    let turns =
-        ["stiffness_nm_rad=5", "damping_nms_rad=5"].map(|gain| format!("servo.pd.orientation_{gain}"));
-    let mut set = vec!["servo.scheme=position_pd"];
-    set.extend(gains.iter().chain(&turns).map(String::as_str));
-    let run = run("panda.toml", &set);
-    assert_eq!(run.finish.outcome, Outcome::Converged, "{run:?}");
+fn seven_joints_bear_the_gains_of_the_text() {
+    for (file, scheme) in [
+        ("panda.toml", "position_pd"),
+        ("panda.toml", "image_pd"),
+        ("xarm7.toml", "position_pd"),
+        ("xarm7.toml", "image_pd"),
+    ] {
+        let run = run(file, &[&format!("servo.scheme={scheme}")]);
+        assert_eq!(run.finish.outcome, Outcome::Converged, "{file} {scheme} {run:?}");
+    }
+}
+
+/// The end of a range, and an arm that is stretched out: no lens, mount or target is to blame.
+#[test]
+fn an_arm_at_its_end_is_told_so() {
+    for (file, desired) in [
+        ("xarm7.toml", "servo.desired.rotation_rpy_rad=[0, -0.9, 0]"),
+        ("ur5.toml", "servo.desired.rotation_rpy_rad=[-0.9, 0, 0]"),
+    ] {
+        let run = run(file, &[desired]);
+        assert_eq!(run.finish.outcome, Outcome::NotConverged, "{file} {run:?}");
+        assert!(run.finish.reason.contains("at the end of its range"), "{file} {run:?}");
+    }
 }

@@ -58,6 +58,24 @@ fn runs_of(configs: &[Config]) -> (usize, usize) {
     (home, lost)
 }
 
+/// Torque laws on arms as they are, with a light wrist and more joints than a camera needs, beyond the limits of which they ask: A and C with the gains of docs/tuning.md.
+#[test]
+fn torque_laws_bring_arms_home() {
+    let gains = [
+        "servo.pd.position_stiffness_n_m=300",
+        "servo.pd.orientation_stiffness_nm_rad=30",
+        "servo.pd.position_damping_ns_m=150",
+        "servo.pd.orientation_damping_nms_rad=15",
+    ];
+    for arm in ["ur5", "panda", "xarm7"] {
+        for scheme in ["servo.scheme=position_pd", "servo.scheme=image_pd"] {
+            let configs = starts(arm, 4, 20, &[&[scheme][..], &gains].concat());
+            let (home, lost) = runs_of(&configs);
+            assert_eq!(home, configs.len(), "{arm} {scheme}: {lost} lost their target");
+        }
+    }
+}
+
 #[test]
 fn starts_in_view_come_home() {
     for (arm, scheme) in [

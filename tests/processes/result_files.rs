@@ -135,3 +135,34 @@ fn no_command_writes_over_what_it_reads() {
         assert_eq!(std::fs::read(&path).unwrap(), before, "{arguments:?}");
     }
 }
+
+/// Recordings, of which a run or a calibration is made, and the folder of a report.
+#[test]
+fn no_recording_is_written_over_by_what_is_made_of_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (recording, report) = (at("run.mcap"), at("report"));
+    let record = [&LOCKSTEP[..], &["ur5", "--record", &recording, "--report", &report]].concat();
+    assert_eq!(run(&record).0.status.code(), Some(0));
+    std::os::unix::fs::symlink(&recording, at("link.mcap")).unwrap();
+    let before = std::fs::read(&recording).unwrap();
+    let (drive, camera) =
+        (format!("drive.replay.recording={recording}"), format!("camera.replay.recording={recording}"));
+    let config = format!("{report}/config.toml");
+    let told = std::fs::read(&config).unwrap();
+    for arguments in [
+        &["run", "ur5", "--record", &recording, "--set", "drive.kind=replay", "--set", &drive][..],
+        &["run", "ur5", "--summary", &recording, "--set", "camera.source=replay", "--set", &camera],
+        &["run", "ur5", "--record", &at("link.mcap"), "--set", "camera.source=replay", "--set", &camera],
+    ] {
+        let (output, _, err) = run(&[arguments, &["--clock", "lockstep"]].concat());
+        assert_eq!(output.status.code(), Some(2), "{arguments:?} {err}");
+        assert!(err.contains("it is read by this command"), "{arguments:?} {err}");
+    }
+    for (from, out) in [(&recording, &recording), (&report, &config)] {
+        let output = vservo().args(["calibrate", "from", from, "--out", out]).output().unwrap();
+        assert_eq!(output.status.code(), Some(2), "{from} {output:?}");
+    }
+    assert_eq!(std::fs::read(&recording).unwrap(), before);
+    assert_eq!(std::fs::read(&config).unwrap(), told);
+}

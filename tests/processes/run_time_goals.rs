@@ -99,6 +99,13 @@ fn a_goal_is_taught_on_the_way_and_taken_up_again() {
     daemon.wait_for("servoing");
     wait_until("the arm to be on its way", || farthest(&posture(&daemon), &start) > 0.02);
     accepts(&daemon, &["teach", "--save", file, "--timeout-s", "120"]);
+    accepts(&daemon, &["teach", "--save", file, "--timeout-s", "120"]);
+    // A file that is no goal may be the run file.
+    let other = folder.path().join("run.toml");
+    std::fs::write(&other, "[run]\nseed = 3\n").unwrap();
+    let (code, _, told) = ctl(&daemon, &["teach", "--save", other.to_str().unwrap()]);
+    assert!(code == Some(2) && told.contains("no taught goal"), "{code:?} {told}");
+    assert_eq!(std::fs::read_to_string(&other).unwrap(), "[run]\nseed = 3\n");
     let held = posture(&daemon);
     let written: toml::Table = std::fs::read_to_string(&path).unwrap().parse().unwrap();
     assert_eq!(written["target"].as_str(), Some("four_dots"));

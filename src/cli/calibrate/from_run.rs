@@ -7,7 +7,7 @@ use crate::config::Config;
 use crate::control::outcome::Outcome;
 use crate::explain::RunEvidence;
 use crate::geometry::Pose;
-use crate::input::printable;
+use crate::input::{printable, used};
 use crate::messages::{JointState, Measurement};
 use crate::process::{OpenRecording, ProcessError, recorded_report};
 use crate::record::RecordingReader;
@@ -40,6 +40,7 @@ pub struct CalibrateFromArguments {
 /// When the run cannot be read, or a file not be written.
 pub(in crate::cli) fn from_run(arguments: &CalibrateFromArguments) -> Result<u8, ProcessError> {
     let path = &arguments.run;
+    used::note_path(path);
     if let Some(out) = &arguments.out {
         check_writable(out)?;
     }

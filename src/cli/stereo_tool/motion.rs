@@ -9,9 +9,9 @@ use crate::geometry::Pose;
 use crate::pose::{ConsensusSettings, HomographySolution, HomographySolutions, decompose_homography};
 use crate::process::ProcessError;
 use crate::stereo::{
-    Conjugates, RefinedRelativePose, RelativeConsensus, StereoError, epipoles, essential_5_point,
-    essential_8_point, fundamental_8_point, fundamental_matrix, plane_motion, plane_motion_consistent,
-    refine_relative, relative_pose, sampson_error2,
+    Conjugates, DegenerateMotion, RefinedRelativePose, RelativeConsensus, StereoError, degenerate_motion,
+    epipoles, essential_5_point, essential_8_point, fundamental_8_point, fundamental_matrix, plane_motion,
+    plane_motion_consistent, refine_relative, relative_pose, sampson_error2,
 };
 use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
@@ -232,6 +232,7 @@ fn of_points(
     let one =
         |E: &Matrix3<f64>, X_12: Pose, in_front: usize| point_motion(E, &X_12, in_front, pairs, cameras);
     let mut solutions = Vec::new();
+    let mut degenerate = None;
     match method {
         MotionMethod::FivePoint => {
             let first: &[Conjugates; 5] =
@@ -250,6 +251,8 @@ fn of_points(
             if let Ok(refined) = refine_relative(&X_12, pairs, sd.unwrap_or(0.0)) {
                 solution = refined_motion(&refined, in_front, pairs, cameras, sd);
             }
+            degenerate =
+                degenerate_motion(pairs, solution.rms, sd.unwrap_or(0.0)).map(|of| (of, pairs.to_vec()));
             solutions.push(solution);
         }
         MotionMethod::Consensus => {
@@ -263,6 +266,7 @@ fn of_points(
             let mut solution = refined_motion(&found.refined, found.inliers, &agree, cameras, sd);
             let inliers = ids.iter().zip(consensus.inliers()).filter(|(_, is)| **is).map(|(id, _)| *id);
             solution.inliers = Some(inliers.collect());
+            degenerate = degenerate_motion(&agree, solution.rms, sd.unwrap_or(0.0)).map(|of| (of, agree));
             solutions.push(solution);
         }
         MotionMethod::Plane => {}
@@ -270,17 +274,40 @@ fn of_points(
     if solutions.is_empty() {
         return Err(StereoError::BehindCamera);
     }
+    let mut no_base_line = false;
+    match degenerate {
+        // Both readings of the plane in place of the one that was found, with what agreed.
+        Some((DegenerateMotion::Plane(readings), agree)) => {
+            let inliers = solutions.pop().and_then(|found| found.inliers);
+            solutions.extend(readings.iter().map(|reading| PointMotion {
+                inliers: inliers.clone(),
+                ..refined_motion(reading, agree.len(), &agree, cameras, sd)
+            }));
+        }
+        Some((DegenerateMotion::Turn(turn), _)) => {
+            for found in &mut solutions {
+                found.rotation_xyzw = turn.coords.into();
+                (found.covariance, found.tangents) = (None, None);
+            }
+            no_base_line = true;
+        }
+        None => {}
+    }
     solutions.sort_by(|a, b| b.in_front.cmp(&a.in_front).then(a.rms.total_cmp(&b.rms)));
     let equal = |s: &PointMotion| {
         solutions.first().is_some_and(|best| s.in_front == best.in_front && s.rms <= 2.0 * best.rms + 1e-9)
     };
     let count = solutions.iter().filter(|s| equal(s)).count();
-    let ambiguous = count > 1;
-    let reason = ambiguous.then(|| {
-        format!(
-            "{count} displacements explain these pairs equally well: give more than five, not of one plane"
-        )
-    });
+    let ambiguous = count > 1 || no_base_line;
+    let reason = if no_base_line {
+        Some("the camera turned alone, as far as these pairs show: there is no base line, and its direction means nothing".to_owned())
+    } else {
+        ambiguous.then(|| {
+            format!(
+                "{count} displacements explain these pairs equally well: give more than five, not of one plane"
+            )
+        })
+    };
     let method = method.word();
     Ok(MotionAnswer {
         method,

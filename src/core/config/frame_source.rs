@@ -15,6 +15,7 @@ use super::check::Validation;
 use super::place::RawMount;
 use super::v4l2::{self, RawV4l2, V4l2Settings};
 use crate::camera_model::{LensModel, Response};
+use crate::input::used;
 use crate::scene::{SceneLook, SensorModel};
 use crate::time::SpanNs;
 use serde::{Deserialize, Serialize};
@@ -375,6 +376,8 @@ fn replay_images(
         } else if !recording.is_file() {
             let file = recording.display();
             check.wrong(&key("replay.recording"), format!("{file} is not a file"));
+        } else {
+            used::note_path(recording);
         }
         return ReplayImages::Recording { file: recording.clone(), topic: topic.clone() };
     }
@@ -387,6 +390,8 @@ fn replay_images(
         check.wrong(&key("replay.folder"), message);
     } else if !folder.is_dir() {
         check.wrong(&key("replay.folder"), format!("{} is not a folder", folder.display()));
+    } else {
+        used::note_path(folder);
     }
     ReplayImages::Folder(folder.clone())
 }

@@ -71,6 +71,12 @@ impl GoalFile {
             .map_err(|e| format!("{place}: {}; a file of `vservo teach` is expected", e.message()))
     }
 
+    /// Whether `text` is that of a taught goal.
+    #[must_use]
+    pub fn is_one(text: &str) -> bool {
+        toml::from_str::<Self>(text).is_ok()
+    }
+
     /// The text of the file.
     #[must_use]
     pub fn to_toml(&self) -> String {

@@ -26,6 +26,11 @@ enum ValueOrigin {
     Argument(String),
 }
 
+/// Whether the key `place` lies below `key`.
+fn is_below(place: &str, key: &str) -> bool {
+    place.strip_prefix(key).is_some_and(|rest| rest.starts_with(['.', '[']))
+}
+
 impl Document {
     /// Parses `text`; `name` is the file's name in messages.
     ///
@@ -88,6 +93,8 @@ impl Document {
             table = inner;
         }
         table.insert((*last).into(), value);
+        // What the file had below this key is gone.
+        self.places.retain(|place, _| !is_below(place, key));
         self.places.insert(key.into(), ValueOrigin::Argument(argument.into()));
         Ok(())
     }
@@ -114,9 +121,15 @@ impl Document {
     /// A problem with the value at `key`. Where that key is not written (a default), the nearest table above it.
     #[must_use]
     pub fn problem(&self, key: &str, message: impl Into<String>) -> Problem {
+        // A table that the file does not have, of which an argument sets a key.
+        let set_below = || {
+            let mut below = self.places.iter().filter(|(place, _)| is_below(place, key));
+            below.next().filter(|(_, origin)| matches!(origin, ValueOrigin::Argument(_)))
+        };
         let mut at = key;
         let place = loop {
-            if let Some(place) = self.places.get(at) {
+            let own = self.places.get(at);
+            if let Some(place) = own.or_else(|| set_below().map(|(_, place)| place)) {
                 break Some(place);
             }
             match at.rfind(['.', '[']) {
@@ -262,6 +275,25 @@ mod tests {
         assert_eq!(d.table["servo"]["update"].as_str(), Some("frame"));
         assert_eq!(d.table["camera"]["lens"]["fx_px"].as_float(), Some(7.5));
         assert_eq!(d.problem("run.seed", "no").place, "--set run.seed=4");
+    }
+
+    #[test]
+    fn what_an_argument_sets_is_told_of_the_argument() {
+        let mut d = Document::parse("a.toml", "[run]\nseed = 3\nlist = [1, 2]\n[scene]\na = 1\n").unwrap();
+        d.set("run.list=[7, 8]").unwrap();
+        d.set("scene.tool.mass_kg=2").unwrap();
+        assert_eq!(
+            d.problem("run.list[1]", "no").place,
+            "--set run.list=[7, 8]",
+            "of a list that the file had"
+        );
+        assert_eq!(
+            d.problem("scene.tool", "no").place,
+            "--set scene.tool.mass_kg=2",
+            "of a table that it has not"
+        );
+        assert_eq!(d.problem("scene.a", "no").place, "a.toml:5:1");
+        assert_eq!(d.problem("scene.b", "no").place, "a.toml:4:2");
     }
 
     #[test]

@@ -60,7 +60,10 @@ use goal_path::TrackingSums;
 use goal_watch::GoalWatch;
 use nalgebra::SVector;
 use requests::MissionChange;
-use residual::{AMBIGUOUS_VIEW, BEHIND_OBJECT, NO_NEARER, ResidualWatch, is_another_pose, why_it_stays};
+use residual::{
+    AMBIGUOUS_VIEW, AT_ITS_END, BEHIND_OBJECT, NO_NEARER, ResidualWatch, is_another_pose, is_at_its_end,
+    why_it_stays,
+};
 use run_end::{HELD_OFF, LAST_FRAME, LATELY, MOTION_OVER, NO_MORE_FRAMES, RunEnd};
 use std::collections::VecDeque;
 use teaching::GoalTeacher;
@@ -402,6 +405,7 @@ impl<const N: usize> Mission<N> {
         let why =
             |px| match seen.filter(|m| is_another_pose(&self.goal.set_point, m, &self.plan.f_px, met_px)) {
                 Some(_) => AMBIGUOUS_VIEW,
+                None if is_at_its_end(&trace.limits) => AT_ITS_END,
                 None => why_it_stays(&self.plan.law, &self.goal.set_point, seen, (px, N)),
             };
         let stays = || self.residual.constant_px(goal_px).map(why).or_else(no_nearer);

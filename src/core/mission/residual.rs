@@ -7,6 +7,7 @@
 //! that has stood for 1.5 s only, and fails there.
 
 use crate::messages::Measurement;
+use crate::motion::{ActingLimits, Limit};
 use crate::servo::{Law, OperationalSpace, SetPoint, View, felt_share};
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::Vector2;
@@ -23,6 +24,10 @@ const STEADY_PX: f64 = 0.05;
 pub const OUT_OF_REACH: &str = "the arm stands and the error stays: the goal cannot be reached with this lens, mount or number of \
                                        joints; compare [camera.lens], [camera.mount] and [target] with what is there, or teach the \
                                        goal (servo.set_point.kind = \"taught\")";
+
+/// The reason that ends a run whose arm is at its end before it has come to the goal.
+pub const AT_ITS_END: &str = "the arm stands and the error stays: a joint is at the end of its range, or the arm is stretched out, so that it cannot go on to the goal; \
+                              the events name which. Choose another goal or another start, or bring target and arm nearer together (vservo check tells what is within reach)";
 
 /// The reason that ends a run whose law has come to rest at a local minimum.
 pub const LOCAL_MINIMUM: &str = "the arm stands at a local minimum of the feature error: K_s e_s is in the null space of L_s^T, no motion of \
@@ -63,6 +68,11 @@ const MISFIT_SHARE: f64 = 0.1;
 /// Largest error that a wrong tilt of the measured pose explains, px. Derived: of dots that are found to 0.05 px a tilt is known to about a milliradian, which
 /// moves the image of a lens of 800 px by 0.8 px at any distance; more has another reason.
 const TILT_PX: f64 = 1.0;
+
+/// Whether the end of a joint's range, or a singular posture, keeps the arm from what the law asks for.
+pub(super) fn is_at_its_end(limits: &ActingLimits) -> bool {
+    limits.joints(Limit::Position) | limits.joints(Limit::Singularity) != 0
+}
 
 /// Why an error of `error_px` stays before an arm of so many `joints` that stands; `seen` is the last measurement.
 ///

@@ -22,6 +22,9 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
+/// How the reason of a summary begins that was made of a recording which ends before its run.
+pub const RECORDING_ENDS: &str = "the recording ends before the run";
+
 /// What one of the run's processes used, from its start to its end.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct ProcessUsage {

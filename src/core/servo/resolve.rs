@@ -56,6 +56,19 @@ pub struct WrenchTask {
     pub damping: Matrix6<f64>,
 }
 
+impl WrenchTask {
+    /// The damping of the joints by an arm with the Jacobian `J`, `J^T D J` and the diagonal of K_D, N m s/rad or N s/m.
+    #[must_use]
+    pub fn joint_damping<const N: usize>(
+        &self,
+        J: &CameraJacobian<N>,
+        own: &SVector<f64, N>,
+    ) -> SMatrix<f64, N, N> {
+        let J = J.matrix();
+        J.tr_mul(&(self.damping * J)) + SMatrix::from_diagonal(own)
+    }
+}
+
 /// The torque of (10.74), (10.84), `u = g + J^T (h - D J qd) - K_D qd`, N m or N.
 ///
 /// `joint_damping`: the diagonal of K_D for damping on qd, zero with damping in the task space.

@@ -110,14 +110,12 @@ impl VisibilityGuard {
         tau: &SVector<f64, N>,
     ) -> Option<SVector<f64, N>> {
         let J = arm.J.matrix();
-        let mut damping = J.tr_mul(&(task.damping * J));
-        for (i, own) in joint_damping.iter().enumerate() {
-            damping[(i, i)] += own;
-        }
+        let damping = task.joint_damping(&arm.J, joint_damping);
         let largest = damping.diagonal().max();
         let factors = Ldlt::new(&damping.data.0, &[DAMPING * largest; N])?;
         let qd = SVector::from(factors.solve(&J.tr_mul(&task.wrench).into()));
-        let held = self.held_back(|| self.bounds(set_point, view), arm, &qd, BRAKING)?;
+        let reached = self.within_reach(&qd, arm);
+        let held = self.held_back(|| self.bounds(set_point, view), arm, &reached, BRAKING)?;
         Some(tau + damping * (held - qd))
     }
 

@@ -5,6 +5,7 @@
 use std::collections::BTreeSet;
 use std::fs::Metadata;
 use std::os::unix::fs::MetadataExt;
+use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
 /// Device, number of the file on it (which a later file may have again), and when it was made, where the file system knows: as
@@ -20,6 +21,16 @@ fn id(file: &Metadata) -> FileId {
 /// This file is read.
 pub fn note(file: &Metadata) {
     USED.lock().unwrap_or_else(PoisonError::into_inner).insert(id(file));
+}
+
+/// The file at `path` is read, or those of the folder there; one that is not there is told by who opens it.
+pub fn note_path(path: &Path) {
+    let files = std::fs::read_dir(path).into_iter().flatten().flatten().map(|entry| entry.path());
+    for found in files.chain([path.to_path_buf()]).filter_map(|path| std::fs::metadata(path).ok()) {
+        if found.is_file() {
+            note(&found);
+        }
+    }
 }
 
 /// Whether this file was read.

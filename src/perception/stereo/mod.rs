@@ -5,6 +5,7 @@
 //! | [`essential_matrix`], [`fundamental_matrix`], [`epipoles`], [`epipolar_line_1`], [`epipolar_line_2`] | (10.43)-(10.46) | known poses |
 //! | [`fundamental_8_point`], [`essential_8_point`], [`essential_5_point`] | (10.46) | from conjugate points |
 //! | [`relative_pose`], [`refine_relative`], [`RelativeConsensus`] | (10.46) | displacement of the camera |
+//! | [`degenerate_motion`] | Sect. 10.4.3 | whether one displacement is the answer: points of a plane, a camera that turned alone |
 //! | [`triangulate_linear`], [`triangulate_parallel`], [`Triangulator`] | (10.47)-(10.53) | depth |
 //! | [`absolute_orientation`], [`absolute_orientation_weighted`] | (10.54)-(10.57) | displacement of a triangulated object |
 //! | [`plane_motion`] | (10.58)-(10.61) | displacement from a plane, both solutions |
@@ -17,6 +18,7 @@
 mod absolute_orientation;
 mod conjugate;
 mod consensus;
+mod degenerate;
 mod eight_point;
 mod epipolar;
 mod five_point;
@@ -33,6 +35,7 @@ pub use absolute_orientation::{
 };
 pub use conjugate::{Conjugate, ConjugateSearch, ConjugateSettings, NoConjugate};
 pub use consensus::{RelativeConsensus, RelativeConsensusPose};
+pub use degenerate::{DegenerateMotion, degenerate_motion};
 pub use eight_point::{essential_8_point, fundamental_8_point};
 pub use epipolar::{
     Conjugates, epipolar_line_1, epipolar_line_2, epipoles, essential_matrix, fundamental_matrix,

@@ -60,6 +60,9 @@ const WITHOUT_AN_END: Finish = Finish { outcome: Outcome::Stopped, reason: "the 
 /// Time that recorders have to read the last records of a run, because these vanish with their sender. Chosen by hand: four of the 50 ms after which
 /// a waiting reader looks again; each run with a recorder takes so much longer.
 const TRACE_FAREWELL: Duration = Duration::from_millis(200);
+/// Longest time that control may take, with the arm at rest, to find out what the run has told. Chosen by hand: a fit of forty views takes a second where nothing fits, and twenty times that on
+/// a machine that is busy with other things.
+const LONGEST_FIT: SpanNs = SpanNs(20_000_000_000);
 
 /// Runs control to the end of the run, and leaves its history in the folder `report`, where there is one.
 ///
@@ -231,14 +234,17 @@ fn run_robot<const N: usize>(
     };
     let wall = now() - start;
     ports.farewell();
-    let mut summary = summary(config, &control, &statistics, pace, wall);
-    summary.stability = stability;
-    if let Some(recording) = listeners.calibration.filter(|_| summary.outcome == Outcome::Finished) {
-        calibrate(config, &control, &recording, &mut summary);
-    }
-    if let Some(recording) = listeners.load.filter(|_| summary.outcome == Outcome::Finished) {
-        load::find(config, &control, &recording, &mut summary);
-    }
+    let summary = membership.beat_during(LONGEST_FIT, || {
+        let mut summary = summary(config, &control, &statistics, pace, wall);
+        summary.stability = stability;
+        if let Some(recording) = listeners.calibration.filter(|_| summary.outcome == Outcome::Finished) {
+            calibrate(config, &control, &recording, &mut summary);
+        }
+        if let Some(recording) = listeners.load.filter(|_| summary.outcome == Outcome::Finished) {
+            load::find(config, &control, &recording, &mut summary);
+        }
+        summary
+    });
     if let (Some(folder), Some(history)) = (report, &listeners.history) {
         run_files::write(folder, config, &control, history, &membership);
     }

@@ -5,7 +5,7 @@ use super::{Pace, run_files, summary};
 use crate::config::{Clock, Config};
 use crate::mission::LockstepRun;
 use crate::replay::{ControlAgain, How, RecordedRun, ReplayError};
-use crate::report::summary::{Summary, TickTimes};
+use crate::report::summary::{RECORDING_ENDS, Summary, TickTimes};
 use crate::robot::Robot;
 use crate::sim::preflight::Preflight;
 use crate::time::{MonoNs, SpanNs};
@@ -73,7 +73,7 @@ fn of_robot<R: Read, const N: usize>(
     let mut summary = summary(config, &run, &statistics, pace, wall);
     summary.stability = Preflight::of(config).ok().and_then(|preflight| preflight.stability);
     if let Some(why) = replayed.gap.or(replayed.cut_off) {
-        summary.reason = format!("the recording ends before the run: {why}");
+        summary.reason = format!("{RECORDING_ENDS}: {why}");
     }
     let files = run_files::texts(config, &run, &history).map(|(name, text)| (name, text()));
     Ok(RecordedResults { summary, files: files.into() })

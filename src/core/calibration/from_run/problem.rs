@@ -30,6 +30,11 @@ const LAST_STEP: f64 = 1e-6;
 /// Root mean square of what is left, px, beyond which nothing that is refined explains it. Chosen by hand: an arm whose flange is 3 mm from where its file says is off by
 /// so much half a metre before a usual lens, and points of a target that moved are off by hundreds.
 const MOST_RMS_PX: f64 = 5.0;
+/// The same in standard deviations of the points, where it is more than [`SMALL_PX`]. Chosen by hand: a board that was pushed by 1 mm in a run leaves 40 of them, a lens whose second
+/// radial coefficient is not told a few.
+const MOST_SPREAD: f64 = 10.0;
+/// What may be left of points whatever they state, px. Chosen by hand: what tangential and higher coefficients of usual lenses leave.
+const SMALL_PX: f64 = 0.2;
 
 pub(super) type RunInformation = SMatrix<f64, UNKNOWNS, UNKNOWNS>;
 
@@ -94,11 +99,17 @@ pub(super) fn solved<'a, const N: usize>(
         }
         previous = spread;
     }
-    let covariance = covariance.ok_or(RunRefinementError::NoFit)?;
+    let mut covariance = covariance.ok_or(RunRefinementError::NoFit)?;
     let after = problem.residuals(&first, &at).ok_or(RunRefinementError::NoFit)?;
     let rms_px = problem.rms_px(&after);
-    if !(rms_px < MOST_RMS_PX) {
+    if !(rms_px < MOST_RMS_PX) || (spread > MOST_SPREAD && rms_px > SMALL_PX) {
         return Err(RunRefinementError::Unexplained { rms_px });
+    }
+    let (H, _) = problem
+        .normal(&first, &at, (&after, together(spread, after.len())))
+        .ok_or(RunRefinementError::NoFit)?;
+    if let Some(factors) = Ldlt::of(&H).filter(|_| spread > 1.0) {
+        covariance = factors.inverse().into();
     }
     Ok((problem, RunFit { first, at, covariance, rms_px }))
 }
@@ -106,6 +117,14 @@ pub(super) fn solved<'a, const N: usize>(
 /// The target in the frame in which it rests.
 fn object_of(first: &Pose, at: &RunUnknowns) -> Pose {
     integrate_body_twist(first, &at.fixed_rows::<6>(OBJECT).into(), 1.0)
+}
+
+/// The spread of residuals with which they count in the covariance. What is left beyond the points' own errors is no chance: a target that creeps, an arm that is not where its encoders say
+/// or a lens of another kind shifts the points of a view together, and those of the next view alike. That share of `points` points tells no more than one number for each unknown.
+fn together(spread: f64, points: usize) -> f64 {
+    let share = (1.0 - 1.0 / (spread * spread)).max(0.0);
+    let alike = (2.0 * points as f64 / UNKNOWNS as f64).max(1.0);
+    spread * (1.0 + share * (alike - 1.0)).sqrt()
 }
 
 /// Spread of residuals in standard deviations, from their median: outliers do not move it. The median length of two unit normal numbers is sqrt(2 ln 2).

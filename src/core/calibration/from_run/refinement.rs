@@ -31,7 +31,7 @@ pub enum RunRefinementError {
     },
     /// What is refined does not explain the images.
     #[error(
-        "the images do not follow the arm ({rms_px:.1} px remain): the target must rest, and be of the kind that the run file tells, and the arm that of the robot file"
+        "the images do not follow the arm ({rms_px:.2} px remain): the target must rest, not even creep or be pushed, and be of the kind that the run file tells, and the arm that of the robot file"
     )]
     Unexplained {
         /// What remains, px.

@@ -187,6 +187,38 @@ fn a_run_at_rest_and_another_arm_are_refused() {
     assert!(matches!(moved, Err(RunRefinementError::Unexplained { .. })), "{moved:?}");
 }
 
+/// A target that was pushed by a millimetre on the way, by a centimetre or by a hair: what lens, mount and size are then said to be is no nearer to the truth than it is said to be.
+#[test]
+fn a_target_that_was_pushed_is_no_certainty() {
+    let mut random = Random::new(9);
+    let (robot, _) = arm();
+    let (told, lens) = (mount(), camera());
+    let truth = TrueCell { camera: lens, mount: told, stamps_s: 0.0, size: 1.0 };
+    let cell = RunCell { robot: &robot, mount: &told, camera: &lens };
+    let mut refused = 0;
+    for push_px in [0.05, 0.2, 1.0, 3.0, 20.0] {
+        for amplitude in [0.1, 0.3] {
+            let mut pushed = run(&truth, &told, amplitude, &mut random);
+            let half = pushed.views.len() / 2;
+            pushed
+                .views
+                .iter_mut()
+                .skip(half)
+                .flat_map(|view| &mut view.points)
+                .for_each(|p| p.px.x += push_px);
+            let Ok(found) = refine_from_run(&cell, &pushed) else {
+                refused += 1;
+                continue;
+            };
+            for number in &found.numbers {
+                let sds = (number.refined - number.told).abs() / number.sd;
+                assert!(sds < 4.0, "{push_px} px, {amplitude}: {} is off by {sds:.1} sd", number.key);
+            }
+        }
+    }
+    assert!(refused >= 2, "what is far beyond what points state is refused: {refused}");
+}
+
 #[test]
 fn twists_are_found_again() {
     let mut random = Random::new(2);

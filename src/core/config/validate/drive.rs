@@ -9,6 +9,7 @@ use crate::drive::{
     CommandMode, HardFriction, InnerServo, Jam, MAX_DELAY, Push, ShakingBase, Surroundings, TorqueContents,
     TorqueRipple, Wall,
 };
+use crate::input::used;
 use crate::robot::{Inertia, RobotDescription};
 use crate::time::SpanNs;
 use nalgebra::{Unit, Vector3};
@@ -234,6 +235,8 @@ pub(super) fn with_recorded_arm(raw: &RawConfig, check: &mut Validation<'_>) {
         );
     } else if !recording.is_file() {
         check.wrong("drive.replay.recording", format!("{} is not a file", recording.display()));
+    } else {
+        used::note_path(recording);
     }
     if raw.run.serve {
         check.wrong("run.serve", "has nothing to tell an arm: drive.kind is `replay`; use vservo run");

@@ -33,7 +33,7 @@ use crate::motion::{ExcitationMotion, MotionLimits};
 use crate::robot::{Mount, Robot};
 use crate::servo::{Convergence, MeasurementVerdict, VisualServo};
 use crate::time::MonoNs;
-use nalgebra::SVector;
+use nalgebra::{SMatrix, SVector};
 
 /// The arm as control knows it.
 #[derive(Debug, Clone)]
@@ -55,8 +55,8 @@ pub enum MotionCommand<const N: usize> {
     Joints(SVector<f64, N>),
     /// Joint velocities of a law, rad/s or m/s, on the way to a goal.
     Velocity(SVector<f64, N>, Convergence<N>),
-    /// Joint torques, N m or N, gravity included.
-    Torque(SVector<f64, N>),
+    /// Joint torques, N m or N, gravity included, and the damping of the joints that is part of them, N m s/rad or N s/m.
+    Torque(SVector<f64, N>, SMatrix<f64, N, N>),
 }
 
 impl<const N: usize> MotionCommand<N> {
@@ -65,7 +65,7 @@ impl<const N: usize> MotionCommand<N> {
     pub fn velocity(&self) -> SVector<f64, N> {
         match self {
             Self::Look(qd) | Self::Joints(qd) | Self::Velocity(qd, _) => *qd,
-            Self::Stand | Self::Torque(_) => SVector::zeros(),
+            Self::Stand | Self::Torque(..) => SVector::zeros(),
         }
     }
 }

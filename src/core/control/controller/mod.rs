@@ -20,6 +20,7 @@ mod searching;
 mod sensing;
 mod settings;
 mod space;
+mod torque_law;
 
 use settings::StartCheck;
 pub use settings::{ControlOutput, ControllerSettings, Rest};

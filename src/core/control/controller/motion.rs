@@ -1,13 +1,14 @@
 //! From a motion command to a reference within the limits, and to the torque that follows it.
 
 use super::Controller;
+use super::torque_law::{law_acceleration, stilled};
 use crate::control::behaviour::{ArmModel, MotionCommand};
 use crate::control::lifecycle::State;
 use crate::drive::{CommandMode, DriveState};
 use crate::motion::{ActingLimits, Limit, ReferenceState, brakeable, damp_singularity};
 use crate::servo::Convergence;
 use crate::time::{SpanNs, TICK};
-use nalgebra::SVector;
+use nalgebra::{SMatrix, SVector};
 
 /// Rate at which an arm under a torque law is braked without a trusted view, 1/s. Chosen by hand: its speed falls to 5 % in 0.4 s. The
 /// deceleration is this rate times the speed: 10 rad/s^2 is needed from 1.25 rad/s on, and with twice the rate from 0.6 rad/s on.
@@ -53,7 +54,7 @@ impl<const N: usize> Controller<N> {
         let probes = self.joint_control.probe(moves) && self.mode == CommandMode::Torque;
         self.probes = probes;
         let requested_qd = match motion_command {
-            MotionCommand::Torque(tau) => return self.pushed(state, tau, confidence),
+            MotionCommand::Torque(tau, damping) => return self.pushed(state, (tau, damping), confidence),
             MotionCommand::Stand | MotionCommand::Look(_)
                 if self.mode == CommandMode::Position && self.fault.is_some() =>
             {
@@ -92,14 +93,22 @@ impl<const N: usize> Controller<N> {
     }
 
     /// For a law that outputs torques: the reference starts at the measured arm and moves with the acceleration that the torques cause.
-    fn pushed(&mut self, state: &DriveState<N>, tau: &SVector<f64, N>, confidence: f64) -> TickMotion<N> {
+    fn pushed(
+        &mut self,
+        state: &DriveState<N>,
+        (tau, damping): (&SVector<f64, N>, &SMatrix<f64, N, N>),
+        confidence: f64,
+    ) -> TickMotion<N> {
         let robot = &self.arm.robot;
         let within = SVector::from_fn(|i, _| {
             let effort = robot.limits().get(i).map_or(0.0, |limit| limit.effort);
             tau[i].clamp(-effort, effort)
         });
         // Friction is compensated separately, because the torque laws assume a model without friction.
-        let qdd = robot.forward_dynamics(&state.q, &state.qd, &within);
+        let now = (&state.q, &state.qd);
+        let (_, J_C) = self.servo.settings().mount.camera(robot, &state.q);
+        let stilled = stilled(&state.qd, &J_C);
+        let qdd = law_acceleration(&self.arm, now, &within, damping) + stilled;
         let trusted = qdd * confidence - state.qd * (BRAKE_1_S * (1.0 - confidence));
         self.reference.track_measured(&state.q, &state.qd);
         let after = *self.reference.accelerate(&trusted, TICK);
@@ -112,7 +121,7 @@ impl<const N: usize> Controller<N> {
         }
         // A joint at rest is expected to move only when it is pushed with more than twice its friction.
         let stiction = robot.friction_torque(&qdd.map(|a| MOVES * a.signum())) * 2.0;
-        let loose = robot.forward_dynamics(&state.q, &state.qd, &(within - stiction));
+        let loose = law_acceleration(&self.arm, now, &(within - stiction), damping) + stilled;
         // Nor farther than the limits let it: they act joint by joint, and may hold one back that its torque would drive away. Of a joint that moves it is
         // seen that nothing holds it, also where it is braked and turns back.
         let way = SVector::from_fn(|i, _| {

@@ -2,7 +2,7 @@
 
 use crate::control::outcome::Outcome;
 use crate::mission::contradicted_text;
-use crate::report::summary::Summary;
+use crate::report::summary::{RECORDING_ENDS, Summary};
 use crate::servo::{Margins, StabilityMargin};
 
 /// How the run ended, in a sentence.
@@ -12,6 +12,7 @@ pub fn run_verdict(summary: &Summary) -> String {
         Outcome::Converged => "Converged",
         Outcome::NotConverged => "Did not converge",
         Outcome::Finished => "Finished",
+        Outcome::Stopped if summary.reason.starts_with(RECORDING_ENDS) => "Cut off",
         Outcome::Stopped => "Stopped on request",
         Outcome::Fault => "Ended by a fault",
     };
