@@ -145,10 +145,10 @@ mod tests {
     fn what_parts_have_in_common_is_in_the_covariance() {
         // alike in no part
         assert_eq!(pulled(|x, y| if (x + y) % 2 == 0 { 1.0 } else { -1.0 }), (0.0, 1.0));
-        // half of the tag too light, half too dark: as much noise, and every part of 100 px pulls by 100 levels
+        // half of the tag too light, half too dark: as much noise, and each part has 80 px of a kind more than of the other
         let (harm, variance) = pulled(|x, _| if x < 20 { 1.0 } else { -1.0 });
         assert_eq!(harm, 1.0);
-        let wanted = 1.0 + TOGETHER * 1e4 * (PARTS * PARTS) as f64 / 1600.0;
+        let wanted = 1.0 + TOGETHER * 6400.0 * (PARTS * PARTS) as f64 / 1600.0;
         assert!((variance - wanted).abs() < 1e-6 * wanted, "{variance} {wanted}");
     }
 }
