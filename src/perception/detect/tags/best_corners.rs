@@ -20,6 +20,11 @@ const UNFITTED_BLURS: f64 = 0.15;
 /// `F(z) = p / 2`, 0.2 to 1.1 for `p` of 0.8 to 0.3. Half and double scale what is stated of such corners, and nothing else.
 const UNFITTED_CLIPPED_BLURS: f64 = 0.7;
 
+/// From this harm on a gamma is tried as its cause where the edges tell none: pulls of 2.15 times the noise's. Chosen by hand: of 329 honest images none had
+/// more than 1.6 times, of 16 with an untrue corner by a gamma of 1.3 to 2.2 none less than 2.3. Half fits honest tags twice, the double misses half of
+/// those gammas.
+const MAYBE_GAMMA: f64 = 4.0;
+
 /// The best corners that the image gives, from those of the sides.
 ///
 /// # Errors
@@ -71,7 +76,7 @@ fn of_whole(
         return Some(fitted);
     }
     let (moved, _) = corrected(image, &fitted, decoded, Believed::Linear);
-    if moved.is_none() && fitted.harm < 1.0 {
+    if moved.is_none() && fitted.harm < MAYBE_GAMMA {
         return Some(fitted);
     }
     // what seems to be the response may be light, where the edges say nothing of a growth

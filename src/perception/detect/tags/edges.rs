@@ -59,7 +59,7 @@ pub(super) struct Corners {
     pub(super) noise_levels2: f64,
     /// Whether levels along a side do not differ as noise does, or a side could not be measured.
     pub(super) uneven: bool,
-    /// Share in which pulls beyond noise are in the covariance, 0 to 1 ([`super::pulls`]).
+    /// How far what pulls the corners is beyond noise: 0 within it, from 1 on wholly in the covariance ([`super::pulls`]).
     pub(super) harm: f64,
 }
 
