@@ -64,17 +64,6 @@ impl Canvas {
             map.at(f64::from(x), f64::from(y))
         })
     }
-
-    /// Gives the area within an outline, clockwise as the image shows it, a level, exactly.
-    pub(crate) fn fill_exact(&mut self, outline: &[(f64, f64)], filling: f64, blur_px: f64) {
-        let mut area = Coverage::of(self, blur_px);
-        for (i, from) in outline.iter().enumerate() {
-            area.edge(*from, outline[(i + 1) % outline.len()]);
-        }
-        for (level, share) in self.levels.iter_mut().zip(&area.share) {
-            *level += share * (filling - *level);
-        }
-    }
 }
 
 /// What areas have of each pixel.
