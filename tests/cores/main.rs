@@ -58,6 +58,7 @@ mod supersampled;
 #[path = "../tag_scene/mod.rs"]
 mod tag_scene;
 mod tags;
+mod tags_in_bad_light;
 mod textbook_errata;
 mod three_points;
 mod trusted;

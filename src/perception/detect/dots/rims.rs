@@ -111,15 +111,15 @@ mod tests {
 
     const CENTRE: Vector2<f64> = Vector2::new(40.3, 31.6);
 
-    /// A dark disc with noise.
-    fn disc(radius: f64) -> Vec<u8> {
+    /// A dark disc with noise; of another `power` than 2 it has flat sides (Lame's curve).
+    fn disc(radius: f64, power: f64) -> Vec<u8> {
         let mut random = Random::new(8);
         let share = |i: usize| {
             let inside = (0..64).filter(|k| {
                 // blurred over a square of 2.4 px: a standard deviation of 0.7 px
                 let within = Vector2::new((k % 8) as f64 - 3.5, (k / 8) as f64 - 3.5) * 0.3;
                 let d = Vector2::new((i % 80) as f64, (i / 80) as f64) + within - CENTRE;
-                d.norm() < radius
+                d.x.abs().powf(power) + d.y.abs().powf(power) < radius.powf(power)
             });
             inside.count() as f64 / 64.0
         };
@@ -127,8 +127,11 @@ mod tests {
     }
 
     fn told(radius: f64, px: Vector2<f64>, disturbance_px: f64) -> (Detection, bool) {
-        let pixels = disc(radius);
-        let image = ImageView::new(&pixels, 80, 64).unwrap();
+        told_of(&disc(radius, 2.0), radius, px, disturbance_px)
+    }
+
+    fn told_of(pixels: &[u8], radius: f64, px: Vector2<f64>, disturbance_px: f64) -> (Detection, bool) {
+        let image = ImageView::new(pixels, 80, 64).unwrap();
         let moment = 0.25 * radius * radius;
         let mut dots = [Detection {
             id: 2,
@@ -166,5 +169,12 @@ mod tests {
     fn a_shadow_beside_a_dot_without_rim_is_in_its_deviation() {
         let (dot, by_rim) = told(4.0, CENTRE, 0.3);
         assert!(!by_rim && dot.sd_px > 0.3 && dot.sd_px < 0.31, "{dot:?}");
+    }
+
+    /// Nothing but the misfit of the rim says that something is wrong: its centre is that of the dot.
+    #[test]
+    fn a_short_rim_that_is_no_ellipse_is_in_the_deviation() {
+        let (dot, by_rim) = told_of(&disc(8.0, 2.4), 8.0, CENTRE, 0.0);
+        assert!(dot.px == CENTRE && !by_rim && dot.sd_px > 0.02, "{dot:?}");
     }
 }

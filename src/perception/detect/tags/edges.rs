@@ -55,9 +55,25 @@ pub(super) struct Corners {
     pub(super) blur_px: f64,
     /// Least width of a cell, in deviations of the blur; infinite without blur.
     pub(super) cell_blurs: f64,
+    /// Variance of a pixel's level as the sides' scatter tells it, levels^2; 0 where no side was measurable.
+    pub(super) noise_levels2: f64,
+    /// Whether levels along a side do not differ as noise does, or a side could not be measured.
+    pub(super) uneven: bool,
+    /// How far what pulls the corners is beyond noise: 0 within it, from 1 on wholly in the covariance ([`super::pulls`]).
+    pub(super) harm: f64,
 }
 
 impl Corners {
+    /// The same corners with the square of what parts them from others, another measurement of the same, added to their covariance.
+    pub(super) fn with_difference(mut self, others: &Self) -> Self {
+        for ((covariance, px), other) in self.covariance_px2.iter_mut().zip(&self.px).zip(&others.px) {
+            let d = px - other;
+            let [xx, xy, yy] = covariance;
+            (*xx, *xy, *yy) = (*xx + d.x * d.x, *xy + d.x * d.y, *yy + d.y * d.y);
+        }
+        self
+    }
+
     /// The same corners with a variance of `(blurs * blur)^2` added to each coordinate.
     pub(super) fn doubted(mut self, blurs: f64) -> Self {
         let more = (blurs * self.blur_px).powi(2);
@@ -93,12 +109,13 @@ impl EdgeMeter {
         inside: Option<&[Inside; 4]>,
     ) -> Option<Corners> {
         let mut sides = [TagSide::default(); 4];
+        let mut uneven = false;
         for (i, side) in sides.iter_mut().enumerate() {
-            *side = self
-                .side(image, quad, i, f64::from(cells), inside.and_then(|s| s.get(i)))
-                .or_else(|| rough(quad, i))?;
+            let measured = self.side(image, quad, i, f64::from(cells), inside.and_then(|s| s.get(i)));
+            uneven |= measured.is_none_or(|(_, uneven)| uneven);
+            *side = measured.map(|(side, _)| side).or_else(|| rough(quad, i))?;
         }
-        share_noise(&mut sides);
+        let noise_levels2 = share_noise(&mut sides);
         let mut px = *quad;
         let mut covariance_px2 = [[0.0; 3]; 4];
         for (i, (corner, covariance)) in px.iter_mut().zip(&mut covariance_px2).enumerate() {
@@ -115,9 +132,11 @@ impl EdgeMeter {
             ];
         }
         let (blur_px, cell_blurs) = sharpness(&sides);
-        is_sound(&px).then_some(Corners { px, covariance_px2, blur_px, cell_blurs })
+        let corners = Corners { px, covariance_px2, blur_px, cell_blurs, noise_levels2, uneven, harm: 0.0 };
+        is_sound(&px).then_some(corners)
     }
 
+    /// A side, and whether the levels along it do not differ as noise does.
     fn side(
         &mut self,
         image: &ImageView<'_>,
@@ -125,7 +144,7 @@ impl EdgeMeter {
         i: usize,
         cells: f64,
         inside: Option<&Inside>,
-    ) -> Option<TagSide> {
+    ) -> Option<(TagSide, bool)> {
         let corner = |k: usize| quad.get((i + k) % 4).copied().unwrap_or_default();
         let (mut a, mut b) = (corner(0), corner(1));
         let length = (b - a).norm();
@@ -143,7 +162,7 @@ impl EdgeMeter {
             NormalFormLine { normal, offset: normal.dot(&p) }
         });
         let mut blur = 0.0;
-        let mut last: Option<TagSide> = None;
+        let mut last: Option<SideFit> = None;
         for round in 0..ROUNDS {
             let along = (b - a) / (b - a).norm();
             // outward: the corners go clockwise on the screen
@@ -151,12 +170,13 @@ impl EdgeMeter {
             let line = NormalFormLine { normal, offset: normal.dot(&a) };
             let scan = SideScan { image, line, half, cell, neighbours, length, blur, from: a, to: b, inside };
             let along_y = scan.read(&mut self.rows, if round == 0 { FIRST_ROWS } else { self.max_rows });
-            let SideFit { side, gain, shift, blur: seen } = scan.fit(along_y, &mut self.rows)?;
+            let fit = scan.fit(along_y, &mut self.rows)?;
+            let SideFit { side, gain, shift, blur: seen, .. } = fit;
             let sharper = seen - blur;
             blur = seen;
             let move_to = |p: Vector2<f64>| p - side.normal * (side.normal.dot(&p) - side.offset);
             (a, b) = (move_to(a), move_to(b));
-            last = Some(side);
+            last = Some(fit);
             let grow = gain < ENOUGH_GAIN && half < max_half;
             if grow {
                 half = (1.6 * half).min(max_half);
@@ -166,7 +186,7 @@ impl EdgeMeter {
                 break;
             }
         }
-        last
+        last.map(|fit| (fit.side, fit.uneven(&self.rows)))
     }
 }
 
@@ -182,7 +202,8 @@ fn sharpness(sides: &[TagSide; 4]) -> (f64, f64) {
 }
 
 /// Shrinks the variance of each side towards the noise that all sides have in common: few rows give a poor estimate of it.
-fn share_noise(sides: &mut [TagSide; 4]) {
+/// Returns that noise, as the variance of a pixel's level.
+fn share_noise(sides: &mut [TagSide; 4]) -> f64 {
     let (mut sum, mut count) = (0.0, 0.0);
     for side in sides.iter().filter(|s| s.per_noise > 0.0) {
         sum += (side.n - 2.0) * side.variance / side.per_noise;
@@ -194,6 +215,7 @@ fn share_noise(sides: &mut [TagSide; 4]) {
             side.variance = (own * side.variance + SHARED_ROWS * shared) / (own + SHARED_ROWS);
         }
     }
+    if count > 0.0 { sum / count } else { 0.0 }
 }
 
 /// The side of the outline, for one that cannot be measured because its margin is too narrow or occluded.

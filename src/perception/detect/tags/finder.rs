@@ -3,10 +3,11 @@
 //! Data flow: local threshold, dark regions, their outlines, quadrilaterals ([`quad`]), bits ([`decode`](super::decode)), corners from the sides
 //! ([`EdgeMeter`]) or from the whole tag ([`WholeMeter`]), correction for growth ([`super::edge_growth`]).
 
+use super::best_corners::best_corners;
 use super::codebook::Codebook;
 use super::decode::{Decoded, NoTag, decode};
-use super::edge_growth::{Believed, LEAST_STEP_BLURS, corrected};
-use super::edges::{Corners, EdgeMeter, SHARP_CELL_BLURS};
+use super::edge_growth::Believed;
+use super::edges::{Corners, EdgeMeter};
 use super::quad::{self, Quad};
 use super::whole::WholeMeter;
 use crate::imaging::{
@@ -49,17 +50,6 @@ const LONGEST_OUTLINE: f64 = 1.6;
 /// on each side, and two pixels, since regions that touch the window's border are left out. Chosen by hand: half loses
 /// tags whose margin has no threshold, the double takes more time and clutter in.
 const AROUND_PX: f64 = 14.0;
-
-/// From a tilt of 55 degrees on corners are fitted with the whole tag, since sides intersect at small angles there, which amplifies their errors. Derived:
-/// a circle appears as an ellipse with the axes `1` and `c`, the cosine of the tilt, and `c + 1 / c` is 2.32 at 55 degrees.
-const STEEP: f64 = 2.32;
-
-/// Standard deviation added to corners of narrow-celled tags for which the fit of the whole tag failed, in deviations of the blur. Chosen by hand: that
-/// of a side at two blurs a cell is 0.13 (`side::DOUBT`); half and double scale what is stated of such corners, and nothing else.
-const UNFITTED_BLURS: f64 = 0.15;
-/// The same where the paper is clipped: of a step that is cut off at a share `p` of its contrast half of what is left is reached `z` deviations before its middle,
-/// `F(z) = p / 2`, 0.2 to 1.1 for `p` of 0.8 to 0.3. Half and double scale what is stated of such corners, and nothing else.
-const UNFITTED_CLIPPED_BLURS: f64 = 0.7;
 
 /// One tag in a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -350,39 +340,8 @@ fn read(
             (decoded, meter.refine(image, &corners.px, cells, Some(&decoded.inside)).ok_or(TagMiss::NoEdges)?)
         }
     };
-    // the growth is measured at edges between cells, for which these must be wider than for the sides
-    let sharp = if believed == Believed::Bent { LEAST_STEP_BLURS } else { SHARP_CELL_BLURS };
-    let believed = if decoded.clipped { Believed::Bent } else { believed };
-    let mut fit = |believed| {
-        let whole_only = corners.cell_blurs < sharp || decoded.clipped || foreshortened(&corners.px) > STEEP;
-        whole_only.then(|| whole.refine(image, &corners, &decoded, believed)).flatten()
-    };
-    let corners = match (fit(believed), believed) {
-        (Some(fitted), Believed::Bent) => fitted,
-        // a significant growth comes from a response that is not linear: fit again with a gamma
-        (Some(fitted), Believed::Linear) => {
-            match corrected(image, &fitted, &decoded.pattern, Believed::Linear) {
-                Some(moved) => fit(Believed::Bent).unwrap_or(moved),
-                None => fitted,
-            }
-        }
-        (None, _) => {
-            let corners = match (decoded.clipped, corners.cell_blurs < SHARP_CELL_BLURS) {
-                (true, _) => corners.doubted(UNFITTED_CLIPPED_BLURS),
-                (false, true) => corners.doubted(UNFITTED_BLURS),
-                (false, false) => corners,
-            };
-            corrected(image, &corners, &decoded.pattern, believed).unwrap_or(corners)
-        }
-    };
+    let corners = best_corners(image, &corners, &decoded, believed, whole)?;
     Ok(found(&decoded, &corners))
-}
-
-/// `c + 1 / c` for the ratio `c` of the axes of the ellipse as which a circle in the tag would appear.
-fn foreshortened(quad: &Quad) -> f64 {
-    let [a, b, c, d] = *quad;
-    let (x, y) = (b - a + c - d, d - a + c - b);
-    (x.norm_squared() + y.norm_squared()) / x.perp(&y).abs()
 }
 
 /// Corners in the order of the tag, from those of the quadrilateral, which go clockwise from anywhere.

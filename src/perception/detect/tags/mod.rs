@@ -8,6 +8,8 @@
 //!                                             finder      quad              decode, codebook  edges
 //!          cells narrower than six blurs: a model of the whole tag is fitted instead of its sides      whole, whole_model
 //!          wider ones: the common shift of all edges, by the camera's response or the print            edge_growth
+//!          where levels are alike as noise does not make them (likeness): a model of the whole tag, and what its parts pull   pulls
+//!          the choice between these: best_corners
 //! tracking: the same in windows about the expected tags
 //! ```
 //! All positions are pixels of the distorted image.
@@ -26,6 +28,7 @@
 //! | clipped | Paper at the last grey level, whose true lightness is unknown. |
 //! | stated | The covariance that is reported with a corner. |
 
+mod best_corners;
 mod clipped;
 mod codebook;
 mod decode;
@@ -34,10 +37,12 @@ mod edges;
 mod finder;
 mod level_curve;
 mod level_sums;
+mod likeness;
 mod pattern;
 mod plane_map;
 mod plate;
 mod points;
+mod pulls;
 mod quad;
 mod shine;
 mod side;

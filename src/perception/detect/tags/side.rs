@@ -82,8 +82,8 @@ pub(super) struct SideRow {
     s: f64,
     /// Sum of levels over the window, level px.
     sum: f64,
-    light: f64,
-    dark: f64,
+    pub(super) light: f64,
+    pub(super) dark: f64,
     /// Difference of the levels at the window's ends, light - dark, where the cells inside are not known.
     ends: f64,
     /// Difference of the pixels beside the edge, light - dark, where they are known.
@@ -92,7 +92,7 @@ pub(super) struct SideRow {
     beyond: f64,
     /// Share of white in the cell inside the border, and in the next one, once they were looked at.
     white: [f64; 2],
-    used: bool,
+    pub(super) used: bool,
     /// How far the side lies from the window's middle along the row, px, once it is fitted.
     delta: f64,
 }
@@ -145,6 +145,8 @@ pub(super) struct SideFit {
     pub(super) shift: f64,
     /// Blur across the side, px; 0 where it was not measured.
     pub(super) blur: f64,
+    /// Variances of the rows' levels of paper and ink about their trends along the side, levels^2.
+    pub(super) level_variances: [f64; 2],
 }
 
 /// One measurement of one side.
@@ -387,7 +389,13 @@ impl SideScan<'_> {
             blur,
             cell: self.cell,
         };
-        (shift < 2.0 * self.half).then_some(SideFit { side, gain, shift, blur })
+        (shift < 2.0 * self.half).then_some(SideFit {
+            side,
+            gain,
+            shift,
+            blur,
+            level_variances: [light.variance, dark.variance],
+        })
     }
 }
 

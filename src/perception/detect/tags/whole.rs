@@ -8,11 +8,12 @@ use super::decode::Decoded;
 use super::edge_growth::Believed;
 use super::edges::Corners;
 use super::plane_map::PlaneMap;
+use super::pulls::LastStep;
 use super::quad::{Quad, is_sound};
 use super::side::FLOOR_PX;
 use super::whole_model::{
-    BLUR, CHUNK, COLUMNS, CONTRAST, COUNT, GAMMA, GROUND, INK, LIGHT, RowProducts, TagImage, TagJacobian,
-    TagModel, TagPixels, accumulate, field,
+    BLUR, COLUMNS, CONTRAST, COUNT, GAMMA, GROUND, INK, LIGHT, RowProducts, TagImage, TagJacobian, TagModel,
+    TagPixels, UNKNOWNS, accumulate, field,
 };
 use crate::imaging::ImageView;
 use crate::linalg::{Eight, Ldlt};
@@ -68,8 +69,6 @@ const ROUNDING: f64 = 1.0 / 12.0;
 const SMEAR_DOUBT: f64 = 0.42;
 const SMEAR_FALL: f64 = 1.75;
 
-/// All that is fitted; the logarithm of the camera's gamma is the last.
-const UNKNOWNS: usize = COUNT + 1;
 /// Prior of an unknown gamma: cameras have 1 (industrial ones) or 2.2, as IEC 61966-2-1 has it (webcams, files); mean and standard deviation
 /// of both logarithms. Estimates keep within those of 0.5 and 4, because no camera has others.
 const USUAL_LOG_GAMMA: f64 = 0.4;
@@ -80,7 +79,8 @@ const LOG_GAMMAS: [f64; 2] = [-0.7, 1.4];
 #[derive(Debug, Clone)]
 pub(super) struct WholeMeter {
     pixels: Vec<TagPixels>,
-    rows: Box<[TagJacobian; CHUNK]>,
+    /// Their derivatives.
+    rows: Box<[TagJacobian]>,
 }
 
 /// A Gauss-Newton step and its result.
@@ -93,7 +93,7 @@ struct FitStep {
 
 impl WholeMeter {
     pub(super) fn new() -> Self {
-        Self { pixels: Vec::with_capacity(BLOCKS), rows: Box::new([[Eight::ZERO; COLUMNS]; CHUNK]) }
+        Self { pixels: Vec::with_capacity(BLOCKS), rows: vec![[Eight::ZERO; COLUMNS]; BLOCKS].into() }
     }
 
     /// Refines the corners of a tag, starting from those of its sides, and their covariance; `None` where the fit does not converge or the residuals
@@ -172,8 +172,18 @@ impl WholeMeter {
                 let inverse = solved.factors.inverse();
                 let noise = variance.max(ROUNDING);
                 let doubt = FLOOR_PX.powi(2) + smear(&tag_image.blur, from.cell_blurs * from.blur_px);
-                let covariance_px2 = fields.map(|field| covariance(&field, &inverse, noise, doubt));
-                return Some(Corners { px: quad, covariance_px2, ..*from });
+                let mut covariance_px2 = fields.map(|field| covariance(&field, &inverse, noise, doubt));
+                let last = LastStep {
+                    pixels: &self.pixels,
+                    rows: &self.rows,
+                    by: &solved.by,
+                    inverse: &inverse,
+                    back: &tag_image.back,
+                    cells,
+                    origin,
+                };
+                let harm = last.add_pulls(&fields, &mut covariance_px2);
+                return Some(Corners { px: quad, covariance_px2, harm, ..*from });
             }
         }
         None

@@ -31,6 +31,8 @@ pub(super) const GROUND: usize = 15;
 pub(super) const COUNT: usize = 19;
 /// Column of the gamma's logarithm, behind that of the residuals; it is fitted where the camera's response is not known.
 pub(super) const GAMMA: usize = COUNT + 1;
+/// All that is fitted; the logarithm of the camera's gamma is the last.
+pub(super) const UNKNOWNS: usize = COUNT + 1;
 /// Column of the root of a pixel's weight: 1, or less where it is clipped.
 const WEIGHT: usize = GAMMA + 1;
 /// Columns: those of all that is fitted and of the residuals, and as many more as are needed because they are summed by fours.
@@ -45,7 +47,7 @@ const MAX_BESIDE: i32 = 3;
 const MAX_SEEN: usize = 2 * MAX_BESIDE as usize + 1;
 /// Pixels of which the products are summed at once, in eights. Chosen by hand: the derivatives of 16 eights are 12 KiB, so that they stay in a first cache of
 /// 32 KiB, and sums of so few stay exact enough in single precision; half has more overhead, the double fills the cache.
-pub(super) const CHUNK: usize = 16;
+const CHUNK: usize = 16;
 
 /// Eight pixels: positions relative to the origin (px), levels, and weights, 1 where they count, else 0.
 #[derive(Debug, Clone, Copy)]
@@ -373,8 +375,8 @@ fn clipped_lanes(p: &TagPixels, noise: f64, residual: &mut Eight, weight: &mut E
 }
 
 kernel!(
-    /// Adds the normal equations of all pixels to `sums`. `rows` is a buffer.
-    pub(super) fn accumulate(model: &TagModel<'_>, pixels: &[TagPixels], rows: &mut [TagJacobian; CHUNK], sums: &mut RowProducts) = accumulate_body
+    /// Adds the normal equations of all pixels to `sums`. `rows`: room for the derivatives of as many pixels, which is filled.
+    pub(super) fn accumulate(model: &TagModel<'_>, pixels: &[TagPixels], rows: &mut [TagJacobian], sums: &mut RowProducts) = accumulate_body
 );
 
 #[inline(always)]
@@ -382,10 +384,10 @@ kernel!(
 fn accumulate_body(
     model: &TagModel<'_>,
     pixels: &[TagPixels],
-    rows: &mut [TagJacobian; CHUNK],
+    rows: &mut [TagJacobian],
     sums: &mut RowProducts,
 ) {
-    for chunk in pixels.chunks(CHUNK) {
+    for (chunk, rows) in pixels.chunks(CHUNK).zip(rows.chunks_mut(CHUNK)) {
         let mut counted = Eight::ZERO;
         for (row, pixels) in rows.iter_mut().zip(chunk) {
             *row = model.at(pixels);

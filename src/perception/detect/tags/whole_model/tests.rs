@@ -184,7 +184,7 @@ fn products_are_sums_over_pixels_that_count() {
     let model = TagModel::new(&tag_image, &pattern, &corners, 120.0f64.powi(2)).unwrap();
     let mut blocks: Vec<TagPixels> = (-20..20).map(|y| pixels(y % 12)).collect();
     blocks[3].weight = Eight::ZERO;
-    let mut room = [[Eight::ZERO; COLUMNS]; CHUNK];
+    let mut room = [[Eight::ZERO; COLUMNS]; 40];
     let mut sums = RowProducts { products: [[0.0; COLUMNS]; COLUMNS], count: 0.0 };
     accumulate(&model, &blocks, &mut room, &mut sums);
     let rows: Vec<TagJacobian> = blocks.iter().map(|pixels| model.at(pixels)).collect();
