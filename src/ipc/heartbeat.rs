@@ -92,3 +92,59 @@ impl Instance {
         (pread(self.lock_file(role)?, &mut bytes, at) == Ok(bytes.len())).then_some(bytes)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::messages::CameraId;
+
+    const VISION: Role = Role::Vision(CameraId::FIRST);
+    const CAMERA: Role = Role::Camera(CameraId::FIRST);
+
+    fn instance(test: &str) -> Instance {
+        format!("{test}-{}", std::process::id()).parse().unwrap()
+    }
+
+    #[test]
+    fn signs_of_life_are_seen_from_outside() {
+        let i = instance("heartbeat");
+        let lock = i.lock(VISION).unwrap();
+        assert_eq!(i.last_heartbeat(VISION), None, "not before the first");
+        lock.state(&[("clock".to_owned(), "lockstep".to_owned())].into());
+        assert_eq!(i.last_heartbeat(VISION), None, "what else is told in the file is no sign of life");
+        let before = crate::rt::now();
+        let heartbeat = lock.heartbeat().unwrap();
+        let seen = i.last_heartbeat(VISION).unwrap();
+        assert!(seen >= before && seen <= crate::rt::now());
+        heartbeat.beat();
+        assert!(i.last_heartbeat(VISION).unwrap() >= seen);
+        assert_eq!(i.last_heartbeat(CAMERA), None);
+        heartbeat.tell_progress(7);
+        assert_eq!(i.progress(VISION), Some(7));
+        drop((heartbeat, lock)); // both hold the role: they share its file
+        let next = i.lock(VISION).unwrap();
+        let heartbeat = next.heartbeat().unwrap();
+        assert_eq!(i.progress(VISION), Some(0), "the next process has not come as far as the last one");
+        drop((heartbeat, next));
+        i.remove_leftovers(None);
+    }
+
+    #[test]
+    fn a_process_that_works_long_is_alive() {
+        let i = instance("works");
+        let lock = i.lock(VISION).unwrap();
+        let heartbeat = lock.heartbeat().unwrap();
+        let first = i.last_heartbeat(VISION).unwrap();
+        let long = crate::time::SpanNs(10_000_000_000);
+        let heard = heartbeat.beat_during(long, || {
+            let start = crate::rt::now();
+            while i.last_heartbeat(VISION) == Some(first) && crate::rt::now() - start < long {
+                std::thread::sleep(std::time::Duration::from_millis(5));
+            }
+            i.last_heartbeat(VISION)
+        });
+        assert!(heard.unwrap() > first);
+        drop((heartbeat, lock));
+        i.remove_leftovers(None);
+    }
+}

@@ -11,8 +11,8 @@ use super::CalibrateError;
 use super::boards::believable_square;
 use super::stage::stage;
 use crate::calibration::hand_eye::{
-    BoardCorner, CameraMount, HandEyeSettings, HandEyeView, MAX_VIEWS, RobotSd, calibrate_hand_eye,
-    fits_as_w_x_y_z,
+    BoardCorner, CameraMount, HandEyeReport, HandEyeSettings, HandEyeView, MAX_VIEWS, RobotSd,
+    calibrate_hand_eye, fits_as_w_x_y_z,
 };
 use crate::camera_model::CameraModel;
 use crate::control::outcome::Outcome;
@@ -154,6 +154,17 @@ fn answer(arguments: &HandEyeArguments) -> Result<HandEyeAnswer, CalibrateError>
     }
     let settings = arguments.settings();
     let report = stage("fit", || calibrate_hand_eye(&views, &camera, &settings));
+    let fits =
+        |report: &Result<HandEyeReport, _>| report.as_ref().is_ok_and(|report| !report.is_contradicted());
+    let (place, remedy) = match settings.place {
+        CameraMount::EyeInHand => (CameraMount::EyeToHand, "add --eye-to-hand"),
+        CameraMount::EyeToHand => (CameraMount::EyeInHand, "leave --eye-to-hand out"),
+    };
+    if !fits(&report) && fits(&calibrate_hand_eye(&views, &camera, &HandEyeSettings { place, ..settings })) {
+        let message =
+            format!("the poses belong to the images where the camera is {}: {remedy}", place.words());
+        return Err(CalibrateError::with_code(Outcome::NotConverged.exit_code(), message));
+    }
     if fits_as_w_x_y_z(&views, &camera, &settings, &report) {
         return Err(CalibrateError::with_code(
             Outcome::NotConverged.exit_code(),

@@ -29,7 +29,7 @@ use crate::robot::{CameraJacobian, JointHistory, Robot};
 use crate::time::{MonoNs, SpanNs};
 use covariance::{covariance_in, stated_covariance};
 use frozen_image::has_noise;
-use nalgebra::{Matrix6, SMatrix, SVector, Vector6};
+use nalgebra::{Matrix6, SVector, Vector6};
 pub use target_change::MAX_TARGETS;
 use target_change::{MISSES, SeenWhole, centre};
 
@@ -426,16 +426,6 @@ impl<const N: usize> VisualServo<N> {
     #[must_use]
     pub fn convergence(&self) -> Option<&Convergence<N>> {
         self.held.as_ref().map(|answer| &answer.convergence)
-    }
-
-    /// The damping of the joints at `q` (rad or m) by which the last output of a torque law was lessened, N m s/rad or N s/m: `J^T D J + K_D`. Zero for other laws.
-    #[must_use]
-    pub fn joint_damping(&self, q: &SVector<f64, N>, robot: &Robot<N>) -> SMatrix<f64, N, N> {
-        let Some(LastMeasurement { task: Task::Wrench(task), .. }) = &self.last else {
-            return SMatrix::zeros();
-        };
-        let (_, J) = self.settings.mount.camera(robot, q);
-        task.joint_damping(&J, &self.settings.law.joint_damping())
     }
 
     /// Smooth start: the law output less the fading first one, `v(t) - exp(-rate t) v(0)`, which begins at rest without a jump.

@@ -97,7 +97,7 @@ mod tests {
     }
 
     #[test]
-    fn points_of_a_plane_have_two_displacements_of_which_one_is_true() {
+    fn points_of_a_plane_have_two_displacements() {
         let mut random = Random::new(3);
         for seed in 0..20 {
             let way = [random.between(-0.4, 0.4), random.between(-0.4, 0.4), random.between(-0.3, 0.3)];

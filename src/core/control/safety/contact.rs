@@ -300,7 +300,8 @@ impl<const N: usize> ContactWatch<N> {
             return None;
         }
         let joint = self.stopped.held().unwrap_or_else(|| self.excess().imax());
-        let torques = self.external_torque();
+        // A joint that stands still where it should move tells no torque.
+        let torques = self.external_torque().filter(|_| self.in_a_row >= TICKS);
         Some(Contact {
             joint,
             torque: torques.map(|(torque, _)| torque[joint]),

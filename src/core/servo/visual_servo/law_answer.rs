@@ -1,11 +1,23 @@
 //! The law output for a view and a goal, and how it leads there: prediction, gain, guard and null-space motion.
 
 use super::feed_forward::{follow, follow_twist};
-use super::{LastMeasurement, LawAnswer, ServoGoal, ServoSettings, UpdatePolicy, View, pace};
+use super::{LastMeasurement, LawAnswer, ServoGoal, ServoSettings, UpdatePolicy, View, VisualServo, pace};
 use crate::robot::Robot;
 use crate::servo::{Arm, Convergence, LawOutput, ObjectMotion, Task, away_from_limits, seek_null_motion};
 use crate::time::{MonoNs, SpanNs};
-use nalgebra::SVector;
+use nalgebra::{SMatrix, SVector};
+
+impl<const N: usize> VisualServo<N> {
+    /// The damping of the joints at `q` (rad or m) by which the last output of a torque law was lessened, N m s/rad or N s/m: `J^T D J + K_D`. Zero for other laws.
+    #[must_use]
+    pub fn joint_damping(&self, q: &SVector<f64, N>, robot: &Robot<N>) -> SMatrix<f64, N, N> {
+        let Some(LastMeasurement { task: Task::Wrench(task), .. }) = &self.last else {
+            return SMatrix::zeros();
+        };
+        let (_, J) = self.settings.mount.camera(robot, q);
+        task.joint_damping(&J, &self.settings.law.joint_damping())
+    }
+}
 
 impl ServoSettings {
     pub(super) fn law_output<const N: usize>(
