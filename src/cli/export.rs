@@ -65,7 +65,12 @@ pub(super) fn export(arguments: &ExportArguments) -> Result<u8, ProcessError> {
         return Err(ProcessError::NoCommand("--out: is the recording itself; name another file".into()));
     }
     let sink = BufWriter::new(File::create(out).map_err(unwritten)?);
-    for (topic, count) in write_for_viewers(reader, &config, kind, sink).map_err(wrong)? {
+    let written = write_for_viewers(reader, &config, kind, sink);
+    if written.is_err() && out.is_file() {
+        // Half of it is of no use. Where it stays, the error is told all the same.
+        let _ = std::fs::remove_file(out);
+    }
+    for (topic, count) in written.map_err(wrong)? {
         let _ = writeln!(text, "{topic:<32} {count:>9} messages");
     }
     Ok(shown(&text, 0))

@@ -40,6 +40,16 @@ pub const END: &str = "vservo.end";
 /// Name of the attachment with the run file as resolved.
 pub const RUN_FILE: &str = "run.toml";
 
+impl From<McapError> for RecordingError {
+    /// What the system says is of the disk; what a decompressor says is of the file.
+    fn from(error: McapError) -> Self {
+        match error {
+            McapError::Io(cause) if cause.raw_os_error().is_some() => Self::Io(cause),
+            error => Self::Format(error),
+        }
+    }
+}
+
 /// A recording cannot be written or read.
 #[derive(Debug, Error)]
 pub enum RecordingError {
@@ -48,7 +58,7 @@ pub enum RecordingError {
     Io(#[from] std::io::Error),
     /// What is in it is no recording, or a damaged one.
     #[error("is no recording, or damaged: {0}")]
-    Format(#[from] McapError),
+    Format(McapError),
     /// A message does not have the form that its topic says.
     #[error("a message on {topic} is no {expected}")]
     Message {

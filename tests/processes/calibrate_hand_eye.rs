@@ -240,6 +240,9 @@ fn the_order_of_quaternions_and_wrong_squares_are_told() {
         assert!(ended.err.contains("w x y z") && ended.err.contains("qx,qy,qz,qw"), "{}", ended.err);
         assert!(ended.out.is_empty(), "{}", ended.out);
     }
+    // a camera in the hand that is said to be beside the arm
+    let beside = set.run(&ALL, std::slice::from_ref(&right), &[&own[..], &["--eye-to-hand"]].concat());
+    assert!(beside.code == Some(5) && beside.err.contains("leave --eye-to-hand out"), "{}", beside.err);
     // squares twice too large: what the images say of distances is not what the robot says
     let mut large = own.to_vec();
     large.extend(["--target", "chessboard:9x6:0.05"]);

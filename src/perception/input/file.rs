@@ -33,5 +33,21 @@ pub fn read(path: &Path, largest: u64) -> Result<String> {
         let message = format!("it is larger than {} MiB", largest >> 20);
         return Err(Error::new(ErrorKind::FileTooLarge, message));
     }
-    String::from_utf8(bytes).map_err(|_| Error::new(ErrorKind::InvalidData, "it is not text in UTF-8"))
+    let text = String::from_utf8(bytes)
+        .map_err(|_| Error::new(ErrorKind::InvalidData, "it is not text in UTF-8"))?;
+    // The mark with which editors and spreadsheets begin text in UTF-8 is none of it.
+    Ok(text.strip_prefix('\u{feff}').map(str::to_owned).unwrap_or(text))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_mark_of_a_spreadsheet_is_none_of_its_text() {
+        let path = std::env::temp_dir().join(format!("vservo-mark-{}", std::process::id()));
+        std::fs::write(&path, "\u{feff}id,x_m\n1,2\n").unwrap();
+        assert_eq!(read(&path, 100).unwrap(), "id,x_m\n1,2\n");
+        std::fs::remove_file(&path).unwrap();
+    }
 }

@@ -150,11 +150,14 @@ pub(super) fn nearest(reach: &Reach) -> String {
     } else {
         format!(" with {}", ends(at_limits))
     };
+    let px = match nearest.error_px {
+        px if px.is_nan() => "the target behind it".to_owned(),
+        px => format!("{px:.1} px"),
+    };
     format!(
-        "the nearest pose of the camera is {:.1} mm and {:.2} deg off ({:.1} px),{held}, q = {}",
+        "the nearest pose of the camera is {:.1} mm and {:.2} deg off ({px}),{held}, q = {}",
         off_m * 1e3,
         off_rad.to_degrees(),
-        nearest.error_px,
         list(&nearest.q)
     )
 }
