@@ -221,4 +221,3 @@ fn cut_off(error: McapError) -> String {
     tracing::warn!("the recording is cut off or damaged, and what would follow is left out: {why}");
     why
 }
-

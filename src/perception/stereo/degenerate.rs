@@ -100,8 +100,9 @@ mod tests {
     fn points_of_a_plane_have_two_displacements() {
         let mut random = Random::new(3);
         for seed in 0..20 {
-            let way = [random.between(-0.4, 0.4), random.between(-0.4, 0.4), random.between(-0.3, 0.3)];
-            let X_12 = Pose::new(way.into(), camera_pose().rotation.scaled_axis());
+            let way = [random.between(-1.0, 1.0), random.between(-1.0, 1.0), random.between(-1.0, 1.0)];
+            let way = Vector3::from(way).normalize() * 0.5;
+            let X_12 = Pose::new(way, camera_pose().rotation.scaled_axis());
             let pairs = plane(&X_12, &mut random);
             let Some(DegenerateMotion::Plane(found)) = degenerate_motion(&pairs, rms_of(&pairs), SD) else {
                 panic!("{seed}: a plane");
@@ -109,7 +110,7 @@ mod tests {
             let direction = X_12.translation.vector.normalize();
             let off = found.iter().map(|f| f.X_12.translation.vector.cross(&direction).norm());
             let nearest = off.fold(f64::INFINITY, f64::min);
-            assert!(nearest < 0.05, "{seed}: {nearest} of {}", found.len());
+            assert!(nearest < 0.1, "{seed}: {nearest} of {}", found.len());
         }
     }
 

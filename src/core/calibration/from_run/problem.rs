@@ -33,6 +33,9 @@ const MOST_RMS_PX: f64 = 5.0;
 /// The same in standard deviations of the points, where it is more than [`SMALL_PX`]. Chosen by hand: a board that was pushed by 1 mm in a run leaves 40 of them, a lens whose second
 /// radial coefficient is not told a few.
 const MOST_SPREAD: f64 = 10.0;
+/// Standard deviations by which the square of a spread may be above one by chance. Chosen by hand: normal noise does it once in 700 runs. That of a spread by the median of `n` points is
+/// about `sqrt(2 * 2 / n)`: of `2 n` numbers it is `sqrt(2 / (2 n))`, and a median knows it half as well.
+const CHANCE_SDS: f64 = 3.0;
 /// What may be left of points whatever they state, px. Chosen by hand: what tangential and higher coefficients of usual lenses leave.
 const SMALL_PX: f64 = 0.2;
 
@@ -122,7 +125,8 @@ fn object_of(first: &Pose, at: &RunUnknowns) -> Pose {
 /// The spread of residuals with which they count in the covariance. What is left beyond the points' own errors is no chance: a target that creeps, an arm that is not where its encoders say
 /// or a lens of another kind shifts the points of a view together, and those of the next view alike. That share of `points` points tells no more than one number for each unknown.
 fn together(spread: f64, points: usize) -> f64 {
-    let share = (1.0 - 1.0 / (spread * spread)).max(0.0);
+    let by_chance = 1.0 + CHANCE_SDS * (2.0 * 2.0 / points as f64).sqrt();
+    let share = (1.0 - by_chance / (spread * spread)).max(0.0);
     let alike = (2.0 * points as f64 / UNKNOWNS as f64).max(1.0);
     spread * (1.0 + share * (alike - 1.0)).sqrt()
 }

@@ -4,7 +4,6 @@
 use super::decode::Decoded;
 use super::edge_growth::{Believed, LEAST_STEP_BLURS, corrected};
 use super::edges::{Corners, SHARP_CELL_BLURS};
-use super::finder::TagMiss;
 use super::quad::Quad;
 use super::whole::WholeMeter;
 use crate::imaging::ImageView;
@@ -20,50 +19,55 @@ const UNFITTED_BLURS: f64 = 0.15;
 /// `F(z) = p / 2`, 0.2 to 1.1 for `p` of 0.8 to 0.3. Half and double scale what is stated of such corners, and nothing else.
 const UNFITTED_CLIPPED_BLURS: f64 = 0.7;
 
+/// Standard deviation added to corners of tags on which something seems to lie and of which no fit of the whole explains the rest, px. Chosen by hand: covers over a corner were seen to move
+/// sides by one to two pixels; half leaves those untrue, the double makes such a tag worth nothing.
+const UNEXPLAINED_PX: f64 = 1.0;
+
 /// From this harm on a gamma is tried as its cause where the edges tell none: pulls of 2.15 times the noise's. Chosen by hand: of 329 honest images none had
 /// more than 1.6 times, of 16 with an untrue corner by a gamma of 1.3 to 2.2 none less than 2.3. Half fits honest tags twice, the double misses half of
 /// those gammas.
 const MAYBE_GAMMA: f64 = 4.0;
 
-/// The best corners that the image gives, from those of the sides.
-///
-/// # Errors
-/// [`TagMiss::NoEdges`] where something lies on the tag and no model of the whole explains the rest.
+/// The best corners that the image gives, from those of the sides. Where something seems to lie on the tag they stay, and what the fit of the whole says of them is in their
+/// covariance: on photographs, of tags that are bent a little, it is the sides that are true.
 pub(super) fn best_corners(
     image: &ImageView<'_>,
     corners: &Corners,
     decoded: &Decoded,
     believed: Believed,
     whole: &mut WholeMeter,
-) -> Result<Corners, TagMiss> {
+) -> Corners {
     // the growth is measured at edges between cells, for which these must be wider than for the sides
     let sharp = if believed == Believed::Bent { LEAST_STEP_BLURS } else { SHARP_CELL_BLURS };
     let believed = if decoded.clipped { Believed::Bent } else { believed };
     let whole_only = corners.cell_blurs < sharp || decoded.clipped || foreshortened(&corners.px) > STEEP;
     if whole_only && let Some(fitted) = of_whole(image, corners, decoded, believed, whole) {
-        return Ok(fitted);
+        return fitted;
     }
-    let doubted = match (whole_only, decoded.clipped, corners.cell_blurs < SHARP_CELL_BLURS) {
-        (_, true, _) => corners.doubted(UNFITTED_CLIPPED_BLURS),
-        (_, false, true) => corners.doubted(UNFITTED_BLURS),
-        (_, false, false) => *corners,
+    let doubted = match (decoded.clipped, corners.cell_blurs < SHARP_CELL_BLURS) {
+        (true, _) => corners.doubted(UNFITTED_CLIPPED_BLURS),
+        (false, true) => corners.doubted(UNFITTED_BLURS),
+        (false, false) => *corners,
     };
     let (moved, scattered) = corrected(image, &doubted, decoded, believed);
     let grown = believed == Believed::Linear && moved.is_some();
     let usual = moved.unwrap_or(doubted);
     let suspect = corners.uneven || decoded.uneven || scattered;
     if !(suspect || grown) {
-        return Ok(usual);
+        return usual;
     }
     let fitted = if whole_only { None } else { of_whole(image, corners, decoded, believed, whole) };
     match fitted {
-        Some(fitted) if suspect || fitted.harm > 0.0 => Ok(fitted.with_difference(corners)),
-        None if suspect => Err(TagMiss::NoEdges),
-        _ => Ok(usual),
+        Some(fitted) if suspect || fitted.harm > MAYBE_GAMMA => {
+            Corners { px: usual.px, ..fitted.with_difference(&usual) }
+        }
+        None if suspect => usual.doubted(UNEXPLAINED_PX / corners.blur_px),
+        _ => usual,
     }
 }
 
-/// The corners by a fit of the whole tag. Where a linear response leaves a growth, or a misfit that pulls, one with a gamma may explain them.
+/// The corners by a fit of the whole tag. Where a linear response leaves a growth one with a gamma is fitted; where it leaves a misfit that pulls, one with a gamma tells how far
+/// that may have moved the corners.
 fn of_whole(
     image: &ImageView<'_>,
     corners: &Corners,
@@ -79,14 +83,15 @@ fn of_whole(
     if moved.is_none() && fitted.harm < MAYBE_GAMMA {
         return Some(fitted);
     }
-    // what seems to be the response may be light, where the edges say nothing of a growth
-    let light = moved.is_none() && (corners.uneven || decoded.uneven);
-    match whole.refine(image, corners, decoded, Believed::Bent) {
-        Some(bent) if bent.harm <= fitted.harm && light => Some(bent.with_difference(&fitted)),
-        Some(bent) if bent.harm <= fitted.harm => Some(bent),
-        _ if fitted.harm > 0.0 => Some(fitted),
-        _ => Some(moved.unwrap_or(fitted)),
-    }
+    let bent = whole.refine(image, corners, decoded, Believed::Bent);
+    Some(match moved {
+        None => bent.map_or(fitted, |bent| fitted.with_difference(&bent)),
+        // what seems to be the response may be light
+        Some(moved) if corners.uneven || decoded.uneven || fitted.harm > 0.0 => {
+            bent.unwrap_or(moved).with_difference(&fitted)
+        }
+        Some(moved) => bent.unwrap_or(moved),
+    })
 }
 
 /// `c + 1 / c` for the ratio `c` of the axes of the ellipse as which a circle in the tag would appear.

@@ -340,7 +340,7 @@ fn read(
             (decoded, meter.refine(image, &corners.px, cells, Some(&decoded.inside)).ok_or(TagMiss::NoEdges)?)
         }
     };
-    let corners = best_corners(image, &corners, &decoded, believed, whole)?;
+    let corners = best_corners(image, &corners, &decoded, believed, whole);
     Ok(found(&decoded, &corners))
 }
 
