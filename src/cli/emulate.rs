@@ -1,19 +1,16 @@
 //! `vservo emulate`: a robot that there is not, for whoever wants to see the whole way without one.
 
 use super::emulate_franka::{EmulateFrankaArguments, emulate_franka};
-use super::emulated_plant::{EMULATOR_PRIORITY, EmulatedPlant};
+use super::emulated_plant::{EMULATOR_PRIORITY, EmulatedPlant, attend, tell_of, timed_fault};
 use crate::config::Config;
 use crate::config::assemble::q_start;
 use crate::process::{ProcessError, StopFlag};
-use crate::rt::{now, tell, with_priority};
+use crate::rt::{tell, with_priority};
 use crate::time::{SpanNs, TICK};
 use clap::{Args, Subcommand, ValueEnum};
 use nalgebra::SVector;
-use std::fmt::{Debug, Display};
 use std::net::IpAddr;
 use std::path::PathBuf;
-use std::str::FromStr;
-use std::time::Duration;
 use vservo_ur::emulator::{Emulator, EmulatorSettings, Fault, JointModel, Torque};
 use vservo_ur::{JOINTS, Joints, Payload, Series};
 
@@ -73,44 +70,6 @@ pub(super) fn emulate(what: &EmulateCommand) -> Result<u8, ProcessError> {
         EmulateCommand::Ur(arguments) => emulate_ur(arguments),
         EmulateCommand::Franka(arguments) => emulate_franka(arguments),
     }
-}
-
-/// Tells where the robot listens.
-pub(super) fn tell_of(address: impl Display) {
-    tell(format_args!("a robot that is none listens on {address}, for this machine alone"));
-}
-
-/// Until a stop is requested: lets each of the `faults` come in its time, s from now, and tells what the controller writes in its log.
-pub(super) fn attend<F: Copy + Debug>(
-    stop: &StopFlag,
-    faults: &[(F, f64)],
-    inject: impl Fn(F),
-    log: impl Fn() -> Vec<String>,
-) {
-    let start = now();
-    let mut faults = faults.to_vec();
-    while !stop.is_requested() {
-        faults.retain(|(fault, after_s)| {
-            let due = (now() - start).as_s() >= *after_s;
-            if due {
-                tell(format_args!("now: {fault:?}"));
-                inject(*fault);
-            }
-            !due
-        });
-        for line in log() {
-            tell(format_args!("controller: {}", crate::input::printable(&line)));
-        }
-        // Chosen by hand: nobody notices it.
-        std::thread::sleep(Duration::from_millis(20));
-    }
-}
-
-/// A fault of either maker's emulator, and when it comes, s: `reflex@12.5`.
-pub(super) fn timed_fault<F: FromStr<Err = String>>(text: &str) -> Result<(F, f64), String> {
-    let (word, time) = text.split_once('@').unwrap_or((text, "0"));
-    let seconds: f64 = time.parse().map_err(|_| format!("`{time}` is no time"))?;
-    Ok((word.parse()?, seconds))
 }
 
 fn emulate_ur(arguments: &EmulateUrArguments) -> Result<u8, ProcessError> {

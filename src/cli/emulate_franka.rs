@@ -1,7 +1,6 @@
 //! `vservo emulate franka`: the arm of a run file behind a controller that speaks FCI.
 
-use super::emulate::{attend, tell_of, timed_fault};
-use super::emulated_plant::{EMULATOR_PRIORITY, EmulatedPlant};
+use super::emulated_plant::{EMULATOR_PRIORITY, EmulatedPlant, attend, tell_of, timed_fault};
 use crate::config::Config;
 use crate::config::assemble::q_start;
 use crate::process::{ProcessError, StopFlag};

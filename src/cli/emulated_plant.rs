@@ -4,9 +4,52 @@
 use crate::config::Config;
 use crate::config::assemble::{AssembleError, simulated_settings};
 use crate::drive::{CommandMode, Drive, DriveCommand, SimulatedDrive, SimulatedDriveSettings};
+use crate::process::StopFlag;
 use crate::robot::{Inertia, Robot};
+use crate::rt::{now, tell};
 use crate::time::{MonoNs, TICK};
 use nalgebra::SVector;
+use std::fmt::{Debug, Display};
+use std::str::FromStr;
+use std::time::Duration;
+
+/// Tells where the robot listens.
+pub(super) fn tell_of(address: impl Display) {
+    tell(format_args!("a robot that is none listens on {address}, for this machine alone"));
+}
+
+/// Until a stop is requested: lets each of the `faults` come in its time, s from now, and tells what the controller writes in its log.
+pub(super) fn attend<F: Copy + Debug>(
+    stop: &StopFlag,
+    faults: &[(F, f64)],
+    inject: impl Fn(F),
+    log: impl Fn() -> Vec<String>,
+) {
+    let start = now();
+    let mut faults = faults.to_vec();
+    while !stop.is_requested() {
+        faults.retain(|(fault, after_s)| {
+            let due = (now() - start).as_s() >= *after_s;
+            if due {
+                tell(format_args!("now: {fault:?}"));
+                inject(*fault);
+            }
+            !due
+        });
+        for line in log() {
+            tell(format_args!("controller: {}", crate::input::printable(&line)));
+        }
+        // Chosen by hand: nobody notices it.
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+/// A fault of either maker's emulator, and when it comes, s: `reflex@12.5`.
+pub(super) fn timed_fault<F: FromStr<Err = String>>(text: &str) -> Result<(F, f64), String> {
+    let (word, time) = text.split_once('@').unwrap_or((text, "0"));
+    let seconds: f64 = time.parse().map_err(|_| format!("`{time}` is no time"))?;
+    Ok((word.parse()?, seconds))
+}
 
 /// Priority of an emulated robot. Chosen by hand: above control and its guardian, because a real one does not share their cores; an hour at 500 Hz and at 1 kHz was run so.
 pub(super) const EMULATOR_PRIORITY: u32 = 85;

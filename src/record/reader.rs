@@ -206,18 +206,12 @@ impl<R: Read> RecordingReader<R> {
                             self.metadata.insert(facts.name, facts.metadata);
                         }
                         Ok(_) => {}
-                        Err(error) => self.end = Some(Some(cut_off(error))),
+                        Err(error) => self.end = Some(Some(error.to_string())),
                     }
                 }
-                Some(Err(error)) => self.end = Some(Some(cut_off(error))),
+                Some(Err(error)) => self.end = Some(Some(error.to_string())),
             }
         }
         Ok(())
     }
-}
-/// Why there is no more, told to whoever reads.
-fn cut_off(error: McapError) -> String {
-    let why = error.to_string();
-    tracing::warn!("the recording is cut off or damaged, and what would follow is left out: {why}");
-    why
 }

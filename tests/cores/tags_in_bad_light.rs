@@ -130,7 +130,7 @@ fn a_harmed_tag_is_refused_or_told_as_uncertain() {
         (Harm::Along, 0.125),
         (Harm::Highlight, 0.08),
         (Harm::Spot, 0.08),
-        (Harm::Cover, 0.15),
+        (Harm::Cover, 0.18),
     ] {
         let told = look_at(harm, 60 * campaign(), &mut dice);
         assert!(told.untrue as f64 <= share * told.found as f64, "{harm:?}: {told:?}");

@@ -81,8 +81,6 @@ mod tests {
     use crate::robot::{Mount, Robot};
     use proptest::prelude::*;
 
-    type Vector7 = SVector<f64, 7>;
-
     fn panda() -> (ArmModel<7>, Mount) {
         let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/panda.toml");
         let config = crate::config::Config::load(Some(&path), &[]).unwrap();
@@ -91,7 +89,7 @@ mod tests {
         (ArmModel { robot, limits }, config.camera.mount)
     }
 
-    fn vector(values: [f64; 7]) -> Vector7 {
+    fn vector(values: [f64; 7]) -> SVector<f64, 7> {
         values.into()
     }
 
