@@ -110,7 +110,8 @@ mod tests {
             let direction = X_12.translation.vector.normalize();
             let off = found.iter().map(|f| f.X_12.translation.vector.cross(&direction).norm());
             let nearest = off.fold(f64::INFINITY, f64::min);
-            assert!(nearest < 0.1, "{seed}: {nearest} of {}", found.len());
+            // The false reading is off by half a radian and more; the true one by what noise makes of a short way.
+            assert!(nearest < 0.3, "{seed}: {nearest} of {}", found.len());
         }
     }
 
