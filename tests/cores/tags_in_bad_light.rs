@@ -1,5 +1,5 @@
 //! Single tags on which something lies: a soft shadow across a corner or along a side, a highlight, a spot, a cover. What is told of them contains
-//! the error, or they are refused; what is told of tags on which nothing lies is as exact as before. `VSERVO_CAMPAIGN=n` looks at `n` times as many
+//! the error; what is told of tags on which nothing lies is as exact as before. `VSERVO_CAMPAIGN=n` looks at `n` times as many
 //! images, `VSERVO_SEED=n` at others.
 
 #![allow(clippy::unwrap_used, clippy::print_stdout)] // helpers of tests; numbers for people
@@ -121,9 +121,9 @@ fn look_at(harm: Harm, count: usize, dice: &mut Dice) -> Told {
     told
 }
 
-/// Half of the shadowed tags were untrue when rows along a side counted as independent.
+/// Half of the shadowed tags were untrue when rows along a side counted as independent. The share of covers is hardly below that of before, 18 % of 132: what they hide of a side shows little.
 #[test]
-fn a_harmed_tag_is_refused_or_told_as_uncertain() {
+fn a_harmed_tag_is_told_as_uncertain() {
     let mut dice = Dice(seed(401));
     for (harm, share) in [
         (Harm::Shadow, 0.125),

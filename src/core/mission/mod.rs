@@ -61,8 +61,8 @@ use goal_watch::GoalWatch;
 use nalgebra::SVector;
 use requests::MissionChange;
 use residual::{
-    AMBIGUOUS_VIEW, AT_ITS_END, BEHIND_OBJECT, NO_NEARER, ResidualWatch, is_another_pose, is_at_its_end,
-    why_it_stays,
+    AMBIGUOUS_VIEW, AT_ITS_END, BEHIND_OBJECT, NO_NEARER, OUT_OF_REACH, ResidualWatch, TOO_WEAK,
+    is_another_pose, is_at_its_end, why_it_stays,
 };
 use run_end::{HELD_OFF, LAST_FRAME, LATELY, MOTION_OVER, NO_MORE_FRAMES, RunEnd};
 use std::collections::VecDeque;
@@ -405,8 +405,11 @@ impl<const N: usize> Mission<N> {
         let why =
             |px| match seen.filter(|m| is_another_pose(&self.goal.set_point, m, &self.plan.f_px, met_px)) {
                 Some(_) => AMBIGUOUS_VIEW,
-                None if is_at_its_end(&trace.limits) => AT_ITS_END,
-                None => why_it_stays(&self.plan.law, &self.goal.set_point, seen, (px, N)),
+                None => match why_it_stays(&self.plan.law, &self.goal.set_point, seen, (px, N)) {
+                    // what is seen has no explanation of its own
+                    OUT_OF_REACH | TOO_WEAK if is_at_its_end(&trace.limits) => AT_ITS_END,
+                    why => why,
+                },
             };
         let stays = || self.residual.constant_px(goal_px).map(why).or_else(no_nearer);
         let in_view = self.measurements.last().is_some_and(Measurement::found);
