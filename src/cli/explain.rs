@@ -44,11 +44,12 @@ pub(super) fn report(arguments: &ReportArguments) -> Result<u8, ProcessError> {
             recorded_report::write_compared(report, [named(a)?, named(b)?])?
         }
         [path, folder] => {
-            let OpenRecording { config, .. } = OpenRecording::open(path, &[])?;
+            let OpenRecording { reader, config, .. } = OpenRecording::open(path, &[])?;
+            let again = OpenRecording::reader_of(path)
+                .map_err(|cause| ProcessError::Replay { path: path.into(), cause: Box::new(cause) })?;
             let report = NewReport::begin(folder)?;
             let command = format!("vservo replay {}", shell_word(&path.display().to_string()));
-            let opened = || OpenRecording::reader_of(path);
-            recorded_report::write_recorded(report, &config, opened, path, &[command])?
+            recorded_report::write_recorded(report, &config, [reader, again], path, &[command])?
         }
         // as many as its arguments say
         _ => return Ok(2),

@@ -250,7 +250,7 @@ pub struct StereoMotionArguments {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 #[value(rename_all = "snake_case")]
 pub enum MotionMethod {
-    /// The first five pairs: up to ten solutions, ranked by all pairs
+    /// The first five pairs: up to ten solutions; with further pairs each of least error over all, and ranked by all
     FivePoint,
     /// Eight pairs or more, linear, then of least error; in px without a camera the fundamental matrix
     EightPoint,

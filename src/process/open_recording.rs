@@ -9,6 +9,7 @@ use crate::robot;
 use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
+use tracing::warn;
 
 /// A recording with the run file and the robot files that are in it.
 pub struct OpenRecording {
@@ -27,7 +28,7 @@ impl OpenRecording {
     /// When it cannot be read, or its run file is not one of this version.
     pub fn open(path: &Path, set: &[String]) -> Result<Self, ProcessError> {
         let wrong = |cause: ReplayError| ProcessError::Replay { path: path.into(), cause: Box::new(cause) };
-        let reader = Self::reader_of(path).map_err(wrong)?;
+        let reader = Self::reader_of(path).map_err(wrong)?.telling_of_cut(warning_of_cut(path));
         let robots = RobotFiles::of(&reader)?;
         let settings: Vec<_> = robots.settings.iter().chain(set).cloned().collect();
         let config = replay::recorded_config(&reader, &settings).map_err(wrong)?;
@@ -39,7 +40,7 @@ impl OpenRecording {
         Ok(Self { reader, config, other_version })
     }
 
-    /// Its reader alone.
+    /// Its reader alone, which says nothing where the recording is cut off.
     ///
     /// # Errors
     /// When it cannot be read.
@@ -47,6 +48,17 @@ impl OpenRecording {
         let file = File::open(path).map_err(RecordingError::from)?;
         used::note_path(path);
         Ok(RecordingReader::open(BufReader::new(file))?)
+    }
+}
+
+/// What is said once a reader comes to where the recording at `path` is cut off.
+pub(super) fn warning_of_cut(path: &Path) -> impl FnOnce(&str) + Send + use<> {
+    let path = path.to_owned();
+    move |why| {
+        warn!(
+            "{}: damaged or cut off; it is read up to there, what follows is left out: {why}",
+            path.display()
+        )
     }
 }
 

@@ -54,24 +54,25 @@ pub fn evidence_of_report(path: &Path) -> Result<RunEvidence, ProcessError> {
     Ok(RunEvidence { trace: table(TRACE), measurements: table(MEASUREMENTS), summary, config })
 }
 
-/// Makes the report of a recorded run, which `opened` opens twice; where the page is. `commands` repeat it.
+/// Makes the report of a recorded run, which `readers` read, one for the results and one for the images; where the page is. `commands` repeat it.
 ///
 /// # Errors
 /// When it cannot be replayed, or a file cannot be written.
 pub fn write_recorded<R: Read>(
     report: NewReport,
     config: &Config,
-    opened: impl Fn() -> Result<RecordingReader<R>, ReplayError>,
+    readers: [RecordingReader<R>; 2],
     path: &Path,
     commands: &[String],
 ) -> Result<PathBuf, ProcessError> {
     let wrong = |cause: ReplayError| ProcessError::Replay { path: path.into(), cause: Box::new(cause) };
-    let results = opened().and_then(RecordedRun::new).and_then(|mut run| recorded_results(&mut run, config));
+    let [of_results, mut of_images] = readers;
+    let results = RecordedRun::new(of_results).and_then(|mut run| recorded_results(&mut run, config));
     let RecordedResults { summary, files } = results.map_err(wrong)?;
     for (name, text) in files {
         report.folder().write(name, text)?;
     }
-    opened().and_then(|mut reader| images(&mut reader, report.folder(), config)).map_err(wrong)?;
+    images(&mut of_images, report.folder(), config).map_err(wrong)?;
     run_report::write(report, config, &summary, commands)
 }
 

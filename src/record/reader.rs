@@ -102,7 +102,11 @@ pub struct RecordingReader<R: Read> {
     next: Option<MessageHeader>,
     data: Vec<u8>,
     end: Option<Option<String>>,
+    tell: Option<TellOfCut>,
 }
+
+/// Takes why a recording is cut off, once.
+type TellOfCut = Box<dyn FnOnce(&str) + Send>;
 
 impl<R: Read> RecordingReader<R> {
     /// Opens a recording.
@@ -123,12 +127,29 @@ impl<R: Read> RecordingReader<R> {
             next: None,
             data: Vec::new(),
             end: None,
+            tell: None,
         };
         reader.advance()?;
         if reader.channels.is_empty() && reader.metadata.is_empty() {
             return Err(RecordingError::Format(McapError::BadMagic));
         }
         Ok(reader)
+    }
+
+    /// The same reader, which calls `tell` with the reason of [`Self::cut_off`] as soon as it comes there; whoever reads on does not see otherwise that something is missing.
+    #[must_use]
+    pub fn telling_of_cut(mut self, tell: impl FnOnce(&str) + Send + 'static) -> Self {
+        self.tell = Some(Box::new(tell));
+        self.tell_of_cut();
+        self
+    }
+
+    fn tell_of_cut(&mut self) {
+        if let Some(why) = self.end.as_ref().and_then(Option::as_ref)
+            && let Some(tell) = self.tell.take()
+        {
+            tell(why);
+        }
     }
 
     /// The attachments so far, by their names.
@@ -212,6 +233,7 @@ impl<R: Read> RecordingReader<R> {
                 Some(Err(error)) => self.end = Some(Some(error.to_string())),
             }
         }
+        self.tell_of_cut();
         Ok(())
     }
 }

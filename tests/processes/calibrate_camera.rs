@@ -288,6 +288,33 @@ fn pair_from_files() {
     assert!(std::fs::read_to_string(&out).unwrap().contains("rotation_xyzw"));
 }
 
+/// Files written, but a word that left may be right; with right images in another order nothing is written.
+#[test]
+fn exchanged_and_shifted_sides_are_told() {
+    let (left, right) = (words(&photographs("left")), words(&photographs("right")));
+    if left.is_empty() || right.is_empty() {
+        println!("skipped: no ../shared");
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("pair.yaml").display().to_string();
+    let calibrated = |left: &[String], right: &[String]| {
+        let mut arguments = vec!["calibrate", "stereo", "--left"];
+        arguments.extend(left.iter().map(String::as_str));
+        arguments.push("--right");
+        arguments.extend(right.iter().map(String::as_str));
+        arguments.extend(["--target", "chessboard:9x6:0.025", "--out", &out]);
+        ended(&arguments)
+    };
+    let mut shifted = right.clone();
+    shifted.rotate_left(1);
+    let done = calibrated(&left, &shifted);
+    assert!(done.code == Some(5) && done.err.contains("in the same order"), "{}", done.err);
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+    let done = calibrated(&right, &left);
+    assert!(done.code == Some(0) && done.err.contains("may be exchanged"), "{}", done.err);
+}
+
 /// A slip of the file names: no pair of files is written.
 #[test]
 fn the_same_images_twice_are_no_pair() {

@@ -78,6 +78,7 @@ fn another_goal_is_reached_while_the_run_goes_on() {
 
     refuses(&daemon, &["goal", "--position-m", "0,0,-0.5"], "would not be in the image");
     refuses(&daemon, &["goal", "--position-m", "2,0,0.5"], "would not be in the image");
+    refuses(&daemon, &["goal", "--position-m", "0,0,50"], "smaller than 8 px");
     refuses(
         &daemon,
         &["goal", "--position-m", "0,0,0.5", "--rotation-xyzw", "0,0,0,1.2"],

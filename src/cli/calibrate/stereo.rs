@@ -21,7 +21,7 @@ use crate::process::ProcessError;
 use crate::report::calibration_page::document;
 use crate::rt::tell;
 use crate::stereo::Rectification;
-use nalgebra::{Point3, Rotation3};
+use nalgebra::{Point3, Rotation3, Vector3};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -61,6 +61,11 @@ pub(in crate::cli) fn stereo(arguments: &CalibrateStereoArguments) -> Result<u8,
         Err(refusal) => return Ok(refusal.tell()),
     };
     let CalibratedPair { found, examined: [left, right], boards } = &pair;
+    if stands_left(&found.X_LR.translation.vector) {
+        tell(
+            "vservo: warning: the right camera stands left of the left one: --left and --right may be exchanged",
+        );
+    }
     let text = if arguments.board.json { json(&answer(&pair)) } else { told(&pair) };
     let usable = left.verdict.is_usable() && right.verdict.is_usable();
     let mut exit_code = shown(&text, if usable { 0 } else { Outcome::NotConverged.exit_code() });
@@ -127,6 +132,11 @@ fn answer(pair: &CalibratedPair) -> PairAnswer {
         baseline_m: found.X_LR.translation.vector.norm(),
         baseline_sd_m: found.baseline_sd_m(),
     }
+}
+
+/// Whether a right camera at `p` (m) in the left one is on its wrong side; cameras above each other have no sides.
+fn stands_left(p: &Vector3<f64>) -> bool {
+    -p.x > p.y.abs().max(p.z.abs())
 }
 
 /// For people.

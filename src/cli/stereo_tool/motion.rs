@@ -16,6 +16,9 @@ use crate::stereo::{
 use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
 
+/// How far the cosine of the angle between two solutions may be from 1 if they are one: 1e-5 rad, a hundred times what a refinement stops at, and less than the error of any pixel. Chosen by hand.
+const SAME: f64 = 1e-10;
+
 /// An inlier lies within this many standard deviations of its epipolar line. Chosen by hand: a normal deviate exceeds 3 once in 370 cases.
 const INLIER_SDS: f64 = 3.0;
 
@@ -237,10 +240,16 @@ fn of_points(
         MotionMethod::FivePoint => {
             let first: &[Conjugates; 5] =
                 pairs.first_chunk().ok_or(StereoError::TooFewPoints { needed: 5, given: pairs.len() })?;
-            // further pairs tell which of the solutions is true
             for E in essential_5_point(first)?.as_slice() {
-                if let Ok((X_12, in_front)) = relative_pose(E, pairs) {
-                    solutions.push(one(E, X_12, in_front));
+                let Ok((X_12, in_front)) = relative_pose(E, pairs) else { continue };
+                // Further pairs tell which of the solutions is true, and where it is: with errors, five alone are far off.
+                let refined = refine_relative(&X_12, pairs, sd.unwrap_or(0.0)).ok();
+                let solution = match refined.filter(|_| pairs.len() > first.len()) {
+                    Some(refined) => refined_motion(&refined, in_front, pairs, cameras, sd),
+                    None => one(E, X_12, in_front),
+                };
+                if !solutions.iter().any(|known| is_same(known, &solution)) {
+                    solutions.push(solution);
                 }
             }
         }
@@ -318,6 +327,12 @@ fn of_points(
         ambiguous,
         reason,
     })
+}
+
+/// Whether two solutions are one, to which both starts led.
+fn is_same(a: &PointMotion, b: &PointMotion) -> bool {
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
+    1.0 - dot(&a.rotation_xyzw, &b.rotation_xyzw).abs() < SAME && 1.0 - dot(&a.direction, &b.direction) < SAME
 }
 
 fn point_motion(

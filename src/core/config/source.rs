@@ -31,6 +31,21 @@ fn is_below(place: &str, key: &str) -> bool {
     place.strip_prefix(key).is_some_and(|rest| rest.starts_with(['.', '[']))
 }
 
+/// The value at a part of a key, with a place in a list as in `cameras[1]`; an empty table where nothing is written.
+fn at_segment<'a>(table: &'a mut Table, segment: &str) -> Result<&'a mut Value, String> {
+    let Some((name, place)) = segment.split_once('[') else {
+        return Ok(table.entry(segment).or_insert_with(|| Value::Table(Table::new())));
+    };
+    let place = place.strip_suffix(']').and_then(|place| place.parse::<usize>().ok());
+    let place =
+        place.ok_or_else(|| format!("`{segment}` names no place; write one as in cameras[1].id=4"))?;
+    let Some(Value::Array(list)) = table.get_mut(name) else {
+        return Err(format!("`{name}` is no list in this run file"));
+    };
+    let count = list.len();
+    list.get_mut(place).ok_or_else(|| format!("`{name}` has {count} entries, counted from 0"))
+}
+
 impl Document {
     /// Parses `text`; `name` is the file's name in messages.
     ///
@@ -86,13 +101,13 @@ impl Document {
         let (last, tables) = segments.split_last().unwrap_or((&key, &[]));
         let mut table = &mut self.table;
         for segment in tables {
-            let entry = table.entry(*segment).or_insert_with(|| Value::Table(Table::new()));
-            let Value::Table(inner) = entry else {
+            let inner = at_segment(table, segment).map_err(|message| wrong(key, &message))?;
+            let Value::Table(inner) = inner else {
                 return Err(wrong(key, &format!("`{segment}` is a value, not a table")));
             };
             table = inner;
         }
-        table.insert((*last).into(), value);
+        *at_segment(table, last).map_err(|message| wrong(key, &message))? = value;
         // What the file had below this key is gone.
         self.places.retain(|place, _| !is_below(place, key));
         self.places.insert(key.into(), ValueOrigin::Argument(argument.into()));
@@ -275,6 +290,29 @@ mod tests {
         assert_eq!(d.table["servo"]["update"].as_str(), Some("frame"));
         assert_eq!(d.table["camera"]["lens"]["fx_px"].as_float(), Some(7.5));
         assert_eq!(d.problem("run.seed", "no").place, "--set run.seed=4");
+    }
+
+    #[test]
+    fn entries_of_lists_are_set() {
+        let text = "q = [1, 2]\n[[cameras]]\nid = 0\n[[cameras]]\nid = 1\nlens.fx_px = 5\n";
+        let mut d = Document::parse("a.toml", text).unwrap();
+        d.set("cameras[1].lens.fx_px=7.5").unwrap();
+        d.set("cameras[0].mount.kind=fixed").unwrap();
+        d.set("q[1]=9").unwrap();
+        assert_eq!(d.get("cameras[1].lens.fx_px").unwrap().as_float(), Some(7.5));
+        assert_eq!(d.get("cameras[1].id").unwrap().as_integer(), Some(1));
+        assert_eq!(d.get("cameras[0].mount.kind").unwrap().as_str(), Some("fixed"));
+        assert_eq!(d.table["q"].to_string(), "[1, 9]");
+        assert!(d.is_argument("cameras[1].lens.fx_px") && !d.is_argument("cameras[1].id"));
+        for (bad, why) in [
+            ("cameras[2].id=1", "has 2 entries"),
+            ("cameras[x].id=1", "names no place"),
+            ("q[0].x=1", "is a value"),
+            ("camera[0].id=1", "no list"),
+        ] {
+            assert!(d.set(bad).unwrap_err().message.contains(why), "{bad}");
+        }
+        assert!(d.get("camera").is_none());
     }
 
     #[test]

@@ -42,6 +42,8 @@ const JOG_REACHED: f64 = 1e-5;
 const NORM_ERROR: f64 = 2e-3;
 /// Points that must be in the image at a goal, or all where there are fewer. Derived: four points in a plane are the fewest that give one pose.
 const POINTS_IN_VIEW: usize = 4;
+/// Farthest two points of the target must be apart at a goal, px of the image's middle. Chosen by hand: half of what the smallest tag takes that is found.
+const SMALLEST_PX: f64 = 8.0;
 /// Normalized coordinates. Derived: they are tangents, and those of a camera that sees farther to the side than 89 degrees are beyond 57.
 const FEATURES: RangeInclusive<f64> = -57.0..=57.0;
 /// Position of a desired pose, m, as in a run file. Chosen by hand, wider than any cell.
@@ -193,7 +195,16 @@ impl<const N: usize> Mission<N> {
             CommandForm::Pose => before.at_pose(&pose_of(numbers)?),
             _ => return Err(Refusal::WrongNumbers),
         };
-        goal.filter(|goal| self.is_in_view(goal)).ok_or(Refusal::OutOfView)
+        let goal = goal.filter(|goal| self.is_in_view(goal)).ok_or(Refusal::OutOfView)?;
+        if self.is_too_small(&goal) { Err(Refusal::TooSmall) } else { Ok(goal) }
+    }
+
+    /// Whether no detector could tell the points of the target apart at `goal`; of a single point that is not known.
+    fn is_too_small(&self, goal: &SetPoint) -> bool {
+        let (Some(cell), [first, others @ ..]) = (&self.cell, goal.features()) else { return false };
+        let i = cell.camera.intrinsics();
+        let apart_px = others.iter().map(|s| ((s.x - first.x) * i.fx_px).hypot((s.y - first.y) * i.fy_px));
+        !others.is_empty() && apart_px.fold(0.0, f64::max) < SMALLEST_PX
     }
 
     /// Whether enough of the target is in the image at `goal`.

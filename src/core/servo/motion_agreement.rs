@@ -8,7 +8,9 @@
 //! X(R) = R^-1 X R
 //! ```
 //! The same of an image in which left and right, or above and below, are exchanged: there `R` is a reflection.
-//! Where one of the latter is seen and the former is not, whatever the depth is, the mount is wrong. Errors of lens and stamps, or an object that moves, look like none of them.
+//! Where one of the latter is seen and the former is not, whatever the depth is, the mount is wrong. Errors of lens and stamps look like none of them, nor does an object that moves: where the
+//! features moved while the arm stood, the believed camera may explain the image with that motion going on, too. An object that goes twice as fast as the arm that follows it would look like a camera
+//! that is turned by 180 degrees otherwise.
 
 use super::{SetPoint, View};
 use crate::geometry::Pose;
@@ -68,13 +70,31 @@ enum MountJudgement {
     Wrong(MountError),
 }
 
+/// A view, when it was exposed, and where the camera was then.
+#[derive(Debug, Clone, Copy)]
+struct Sighting {
+    exposure: MonoNs,
+    view: View,
+    X_WC: Pose,
+}
+
+/// What was seen while the arm stood.
+#[derive(Debug, Clone, Copy)]
+struct Standing {
+    /// The last view before the arm moved.
+    last: Sighting,
+    /// One between [`STANDS_FOR`] and twice that before the last; the first one before there is such a one.
+    before: Sighting,
+    /// The one that takes the place of `before`.
+    next: Sighting,
+}
+
 /// Compares the first motion of the image with that of the arm.
 #[derive(Debug, Clone, Default)]
 pub(super) struct MotionAgreement {
     /// Whether the law moves the arm.
     moves: bool,
-    /// The last view before the arm moved, when it was, and where the camera was then.
-    base: Option<(MonoNs, View, Pose)>,
+    standing: Option<Standing>,
     /// What was seen once, and the displacement at that time.
     suspicion: Option<(MountError, f64)>,
     judgement: MountJudgement,
@@ -100,26 +120,30 @@ impl MotionAgreement {
         if self.is_judged() {
             return;
         }
-        if !self.moves {
-            self.base = Some((exposure, *view, *X_WC));
-            return;
-        }
-        let (since, base, X_WB) = *self.base.get_or_insert((exposure, *view, *X_WC));
+        let now = Sighting { exposure, view: *view, X_WC: *X_WC };
+        let standing = match &mut self.standing {
+            Some(standing) if self.moves => standing,
+            standing => {
+                Standing::note(standing, now);
+                return;
+            }
+        };
+        let Sighting { exposure: since, view: base, X_WC: X_WB } = standing.last;
         let X_CB = X_WC.inv_mul(&X_WB);
         let Some(FeatureMotion { moved, seen, left }) = feature_motion(&base, &X_CB, view, set_point) else {
             return;
         };
-        let is_still = X_CB.translation.vector.norm() < STILL_M && X_CB.rotation.angle() < STILL;
-        if is_still && seen > JUDGED {
+        if is_still(&X_CB) && seen > JUDGED {
             self.judgement = MountJudgement::GivenUp;
             return;
         }
         if moved < STANDS * JUDGED {
             if exposure - since >= STANDS_FOR {
-                self.base = Some((exposure, *view, *X_WC));
+                Standing::note(&mut self.standing, now);
             }
             return;
         }
+        let object = standing.motion_until(exposure);
         if moved.max(seen) < JUDGED || seen < STANDS * JUDGED {
             self.give_up(moved);
             return;
@@ -134,7 +158,11 @@ impl MotionAgreement {
         let of_depth = |k: i32| {
             let mut X_CB = X_CB;
             X_CB.translation.vector *= DEPTH_STEP.powi(k);
-            feature_motion(&base, &X_CB, view, set_point).map_or(left, |motion| motion.left)
+            let Some(predicted) = base.predicted_at(&X_CB, set_point) else { return left };
+            let resting = OwnMotion { before: base, times: 0.0 };
+            let explained = [resting, object.unwrap_or(resting)]
+                .map(|object| feature_motion_beside(&base, &predicted, view, &object));
+            explained.into_iter().flatten().map(|motion| motion.left).fold(left, f64::min)
         };
         let left = (-DEPTHS..=DEPTHS).map(of_depth).fold(left, f64::min);
         let turned = wrong_mounts().map(|(R, error)| (R.inv_mul(&X_CB) * R, error));
@@ -184,6 +212,41 @@ impl MotionAgreement {
     }
 }
 
+impl Standing {
+    /// Takes in a view before the arm moves.
+    fn note(standing: &mut Option<Standing>, now: Sighting) {
+        *standing = Some(match *standing {
+            None => Standing { last: now, before: now, next: now },
+            Some(Standing { before, next, .. })
+                if before.exposure == next.exposure || now.exposure - next.exposure >= STANDS_FOR =>
+            {
+                Standing { last: now, before: next, next: now }
+            }
+            Some(standing) => Standing { last: now, ..standing },
+        });
+    }
+
+    /// The motion of the object that was seen in the last two views, if it goes on until `exposure`; `None` where the camera moved between them, and where there are no two.
+    fn motion_until(&self, exposure: MonoNs) -> Option<OwnMotion> {
+        let span = self.last.exposure - self.before.exposure;
+        let times = (exposure - self.last.exposure).as_s() / span.as_s();
+        (span > SpanNs::ZERO && is_still(&self.last.X_WC.inv_mul(&self.before.X_WC)))
+            .then_some(OwnMotion { before: self.before.view, times })
+    }
+}
+
+/// The motion of an object: so many times that from `before` to the last view before the arm moved.
+#[derive(Clone, Copy)]
+struct OwnMotion {
+    before: View,
+    times: f64,
+}
+
+/// Whether an image stands where the camera goes by `X_CB`.
+fn is_still(X_CB: &Pose) -> bool {
+    X_CB.translation.vector.norm() < STILL_M && X_CB.rotation.angle() < STILL
+}
+
 /// The mounts that are tried, as turns of the true camera against the believed one: about the optical axis, and all others by right angles. Those by which a law still finds its goal are no error.
 fn wrong_mounts() -> impl Iterator<Item = (Pose, Option<MountError>)> {
     let turned = |axis: Vector3<f64>| Pose::new(Vector3::zeros(), axis);
@@ -224,13 +287,25 @@ struct FeatureMotion {
 
 /// The motion from `base` to `view` beside the one that a camera makes that goes by `X_CB`; `None` without common features.
 fn feature_motion(base: &View, X_CB: &Pose, view: &View, set_point: &SetPoint) -> Option<FeatureMotion> {
-    let predicted = base.predicted_at(X_CB, set_point)?;
+    let resting = OwnMotion { before: *base, times: 0.0 };
+    feature_motion_beside(base, &base.predicted_at(X_CB, set_point)?, view, &resting)
+}
+
+/// The motion from `base` to `view` beside that to `predicted`, and what the object adds to the latter by its own motion.
+fn feature_motion_beside(
+    base: &View,
+    predicted: &View,
+    view: &View,
+    object: &OwnMotion,
+) -> Option<FeatureMotion> {
     let (mut moved, mut seen, mut left, mut count) = (0.0, 0.0, 0.0, 0.0);
     for (i, s) in view.seen() {
-        if let (Some(before), Some(there)) = (base.feature(i), predicted.feature(i)) {
-            moved += (there - before).norm_squared();
-            seen += (s - before).norm_squared();
-            left += (s - there).norm_squared();
+        if let (Some(at), Some(there), Some(before)) =
+            (base.feature(i), predicted.feature(i), object.before.feature(i))
+        {
+            moved += (there - at).norm_squared();
+            seen += (s - at).norm_squared();
+            left += (s - there - (at - before) * object.times).norm_squared();
             count += 1.0;
         }
     }

@@ -29,11 +29,13 @@ use super::{Membership, ProcessError, ReportFolder, StopFlag};
 use crate::calibration::load::LoadRecording;
 use crate::calibration::{KnownCell, Recording, stamp_offset};
 use crate::config::Config;
-use crate::config::assemble::{control_loop, control_loop_with, require_controllable, within_effort_rates};
+use crate::config::assemble::{
+    control_loop, control_loop_with, q_start, require_controllable, within_effort_rates,
+};
 use crate::config::{Clock, Task};
 use crate::control::outcome::{Finish, Outcome};
 use crate::control::trace::Trace;
-use crate::drive::ExternalDrive;
+use crate::drive::{ExternalDrive, StandstillDrive};
 use crate::ipc::{Instance, QuietSender, Receiver, Role, Sender, WakeListener};
 use crate::messages::{CameraId, JointState, Measurement, RequestMsg, Status, TraceMsg};
 use crate::mission::LockstepRun;
@@ -205,6 +207,11 @@ fn run_robot<const N: usize>(
     }
     membership.services().require_room_for_peers()?;
     if let Some(drive) = &mut drive {
+        // What cannot be assembled is told before the robot is powered for it.
+        if let Assembly::AwaitsDrive(_, robot) = &assembly {
+            let nothing = StandstillDrive::new(q_start::<N>(config)?);
+            control_loop_with(config, Robot::clone(robot), Box::new(nothing))?;
+        }
         drive.connect(config, &stops, &mut commands)?;
     }
     let mut control = match assembly {

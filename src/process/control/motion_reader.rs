@@ -39,9 +39,6 @@ impl<R: Read> MotionReader<R> {
                 _ => {}
             }
         }
-        if let Some(why) = self.reader.cut_off() {
-            warn!("the arm's recording is cut off, its motion ends there: {why}");
-        }
         Ok(None)
     }
 }

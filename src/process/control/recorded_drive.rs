@@ -8,6 +8,7 @@
 use super::motion_reader::MotionReader;
 use crate::config::{Clock, Config, DriveKind};
 use crate::drive::{NextState, RecordedDrive, RecordedMotion};
+use crate::process::open_recording::warning_of_cut;
 use crate::process::{OpenRecording, ProcessError};
 use crate::replay::ReplayError;
 use nalgebra::SVector;
@@ -62,7 +63,7 @@ fn motion(config: &Config, path: &Path) -> Result<Reader, ProcessError> {
             }
             recording.reader
         }
-        Err(_) => OpenRecording::reader_of(path).map_err(wrong)?,
+        Err(_) => OpenRecording::reader_of(path).map_err(wrong)?.telling_of_cut(warning_of_cut(path)),
     };
     let motion = MotionReader::new(reader).map_err(wrong)?;
     let motion =

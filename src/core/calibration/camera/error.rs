@@ -65,6 +65,17 @@ pub enum CameraCalibrationError {
         /// Of the right one.
         right: usize,
     },
+    /// The images of most pairs were not taken at one instant, or are not in the same order.
+    #[error(
+        "calibration: {astray} of {pairs} pairs of images put the right camera elsewhere than the others do, although a pair is rigid: \
+         give --left and --right their images in the same order, and take both images of a pair at the same instant"
+    )]
+    Astray {
+        /// Pairs that agree with no pose of the right camera.
+        astray: usize,
+        /// Pairs in all.
+        pairs: usize,
+    },
     /// The two cameras would stand in one place: no pair does.
     #[error(
         "calibration: the base line between the cameras is {baseline_mm:.4} mm, which is not told from none (standard deviation \

@@ -27,6 +27,10 @@ const NO_BASELINE: f64 = 25.9;
 /// Longest base line with which two images may be suspected to be of one camera, m. Chosen by hand: longer ones are those of two cameras, however uncertain.
 const SURE_BASELINE_M: f64 = 0.01;
 
+/// How far the right camera may be from where the other pairs put it, rad plus its displacement by the distance of the board. Chosen by hand: one view of a camera that is calibrated from ten boards is off by
+/// a tenth of that, and boards of neighbouring pairs differ by several times as much.
+const ASTRAY: f64 = 0.1;
+
 /// Two cameras, and where they are to each other.
 #[derive(Debug, Clone)]
 pub struct StereoCalibration {
@@ -99,6 +103,14 @@ fn calibrate_pair(
     let poses: Vec<(Pose, Pose)> = paired.iter().filter_map(both).collect();
     let X_RL = nearest_to_all(poses.iter().map(|(X_LO, X_RO)| X_RO * X_LO.inverse()).collect())
         .ok_or(CameraCalibrationError::TooFewViews { usable: 0, needed: 1 })?;
+    let is_astray = |(X_LO, X_RO): &&(Pose, Pose)| {
+        let off = X_RL.inv_mul(&(X_RO * X_LO.inverse()));
+        off.rotation.angle() + off.translation.vector.norm() / X_LO.translation.vector.norm() > ASTRAY
+    };
+    let astray = poses.iter().filter(is_astray).count();
+    if 2 * astray > poses.len() {
+        return Err(CameraCalibrationError::Astray { astray, pairs: poses.len() });
+    }
     let extent = BoardExtent::of(left.iter().chain(right).flatten());
     let observation = |camera: usize, view: &BoardView| BoardObservation {
         camera,

@@ -121,3 +121,34 @@ fn one_camera_is_no_pair() {
         assert!(error.to_string().contains("the same files"), "{error}");
     }
 }
+
+/// The right camera's images one place later than the left one's: no pair shows one board at one instant. The first image given twice leaves all others right.
+#[test]
+fn images_in_another_order_are_told() {
+    let (left, right) = (camera(560.0, 315.0), camera(575.0, 330.0));
+    let X_RL = Pose::new(Vector3::new(-0.1, 0.0, 0.0), Vector3::new(0.0, 0.05, 0.0));
+    let sees = |camera: &CameraModel, X: &Pose| {
+        (0..54).all(|id| camera.project(&(X * corner(id))).is_some_and(|px| camera.contains(&px, 2.0)))
+    };
+    let mut random = Random::new(77);
+    let poses = poses(12, |X| sees(&left, X) && sees(&right, &(X_RL * X)), &mut random);
+    let mut view = |camera: &CameraModel, X: &Pose| -> BoardView {
+        let mut point = |id: u32| {
+            let noise = Vector2::new(random.gaussian(), random.gaussian()) * NOISE_PX;
+            let px = camera.project(&(X * corner(id))).unwrap() + noise;
+            BoardPoint { id, p_O: corner(id), px, covariance_px2: Matrix2::zeros() }
+        };
+        (0..54).map(&mut point).collect()
+    };
+    let lefts: Vec<_> = poses.iter().map(|X| view(&left, X)).collect();
+    let mut rights: Vec<_> = poses.iter().map(|X| view(&right, &(X_RL * X))).collect();
+    let calibrated = |rights: &[BoardView]| {
+        calibrate_stereo(&lefts, rights, ((640, 480), (640, 480)), &CalibrationSettings::default())
+    };
+    let mut twice = rights.clone();
+    twice[1] = rights[0].clone();
+    assert_eq!(calibrated(&twice).unwrap().left.views_used(), 11);
+    rights.rotate_left(1);
+    let refusal = calibrated(&rights).unwrap_err();
+    assert!(matches!(refusal, CameraCalibrationError::Astray { astray: 9.., pairs: 12 }), "{refusal}");
+}

@@ -200,3 +200,60 @@ fn mirrored_images_are_told() {
         }
     }
 }
+
+/// A conveyor that ran before the arm began, and an arm that is slower, as fast, or half as fast: at half its speed the image goes the way on which a camera that is turned by 180 degrees would see it.
+#[test]
+fn an_object_that_moved_before_the_arm_did_is_no_turned_camera() {
+    let points = POINTS.map(|(x, y)| Point3::new(x, y, 0.0));
+    let goal = Pose::new([-0.05, -0.05, 0.4].into(), [0.0; 3].into());
+    let set_point = SetPoint::from_pose(&goal, &points).unwrap();
+    let mut told = 0;
+    for object in [[0.05, 0.0, 0.0], [0.0, -0.08, 0.0], [0.01, 0.01, 0.0f64]] {
+        for share in [0.3, 0.5, 0.55, 1.0] {
+            for (rate_hz, stood) in [(25, 3), (100, 12), (25, 0)] {
+                let mut agreement = MotionAgreement::default();
+                for k in -stood..rate_hz {
+                    let t = k as f64 / rate_hz as f64;
+                    let way = Vector3::from(object);
+                    let camera = Pose::new(way * share * t.max(0.0), Vector3::zeros());
+                    let object = Pose::new(way * t, Vector3::zeros()) * goal;
+                    let time = MonoNs(1_000_000_000 + k * 1_000_000_000 / rate_hz);
+                    let seen = perfect_measurement(&points, &camera.inv_mul(&object), time).unwrap();
+                    if k == 0 {
+                        agreement.begin();
+                    }
+                    agreement.note(time, &View::of(&seen, &set_point).unwrap(), &camera, &set_point);
+                }
+                if stood == 0 {
+                    told += u32::from(agreement.error().is_some());
+                } else {
+                    assert_eq!(agreement.error(), None, "{object:?} {share} {rate_hz} Hz");
+                }
+            }
+        }
+    }
+    // Without a view before the arm moves nothing tells the two apart.
+    assert!(told > 0);
+}
+
+/// The same conveyor before a camera whose mount is wrong: what it does explains nothing.
+#[test]
+fn a_wrong_mount_is_told_before_an_object_that_had_moved() {
+    let points = POINTS.map(|(x, y)| Point3::new(x, y, 0.0));
+    let goal = Pose::new([-0.05, -0.05, 0.4].into(), [0.0; 3].into());
+    let set_point = SetPoint::from_pose(&goal, &points).unwrap();
+    let mut agreement = MotionAgreement::default();
+    for k in -5..40 {
+        let t = f64::from(k) * 0.04;
+        let camera = Pose::new(Vector3::x() * (0.05 * t.max(0.0)), Vector3::zeros());
+        let object = Pose::new(Vector3::y() * (0.05 * (t + 0.04).min(0.0)), Vector3::zeros()) * goal;
+        let time = MonoNs(1_000_000_000 + i64::from(k) * 40_000_000);
+        let seen = perfect_measurement(&points, &camera.inv_mul(&object), time).unwrap();
+        if k == 0 {
+            agreement.begin();
+        }
+        let believed = camera * Pose::new(Vector3::zeros(), Vector3::z() * (TAU / 2.0));
+        agreement.note(time, &View::of(&seen, &set_point).unwrap(), &believed, &set_point);
+    }
+    assert_eq!(agreement.error(), Some(MountError::Turned(2)));
+}
