@@ -38,6 +38,31 @@ fn messages(path: &Path) -> BTreeMap<String, Vec<Vec<u8>>> {
     all
 }
 
+/// A byte that the disk has changed, and a file whose end is gone: what comes before is exported and reported, and a word says that it is not all.
+#[test]
+fn what_a_damaged_recording_leaves_out_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let recording = recorded("default", folder.path());
+    let whole = std::fs::read(&recording).unwrap();
+    let (out, page) = (folder.path().join("out"), folder.path().join("page"));
+    let mut changed = whole.clone();
+    changed[whole.len() / 2] ^= 0x55;
+    for (damaged, is_whole) in [(&whole[..], true), (&changed, false), (&whole[..whole.len() / 2], false)] {
+        std::fs::write(&recording, damaged).unwrap();
+        let told = |arguments: &[&Path]| {
+            let output = vservo().args(arguments).output().unwrap();
+            assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+            String::from_utf8_lossy(&output.stderr).matches("what follows is left out").count()
+        };
+        let word = usize::from(!is_whole);
+        let purpose = [Path::new("--for"), Path::new("csv"), Path::new("--out"), &out];
+        assert_eq!(told(&[&[Path::new("export"), &recording], &purpose[..]].concat()), word);
+        assert_eq!(told(&[Path::new("report"), &recording, &page]), word);
+        std::fs::remove_dir_all(&out).unwrap();
+        std::fs::remove_dir_all(&page).unwrap();
+    }
+}
+
 #[test]
 fn what_was_recorded_is_in_an_export_to_the_bit() {
     let folder = tempfile::tempdir().unwrap();

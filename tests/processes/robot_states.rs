@@ -9,9 +9,11 @@ use serde_json::Value;
 
 const LOCKSTEP: [&str; 2] = ["--clock", "lockstep"];
 
+/// States may stay away for a second: the drive is a process like any other, which a busy machine keeps waiting.
 fn daemon(test: &str, behaviour: &str, extra: &[&str]) -> Daemon {
     let command = command(behaviour);
-    let daemon = Daemon::start(test, &[&["--set", "drive.kind=external", "--set", &command], extra].concat());
+    let set = ["--set", "drive.kind=external", "--set", &command, "--set", "safety.drive_timeout_ms=1000"];
+    let daemon = Daemon::start(test, &[&set[..], extra].concat());
     // It answers while it still waits for its drive, too.
     wait_until("a robot that is ready", || words(&status(&daemon), "robot_state") == "ready");
     daemon

@@ -34,15 +34,12 @@ pub(super) fn law_acceleration<const N: usize>(
     tau: &SVector<f64, N>,
     damping: &SMatrix<f64, N, N>,
 ) -> SVector<f64, N> {
-    let exact = robot.forward_dynamics(q, qd, tau);
     let B = robot.mass_matrix(q);
     let is_slow = (0..N).all(|i| damping[(i, i)] * TICK.as_s() <= TOO_STIFF * B[(i, i)]);
-    if is_slow {
-        return exact;
-    }
-    let bounds: [_; N] = std::array::from_fn(|i| bounds(limits, qd[i], i));
     let T_s = (0..N).map(|i| limits.acceleration[i] / limits.jerk[i]).fold(TICK.as_s(), f64::max);
-    let Some(factors) = Ldlt::of(&(B + damping * T_s)) else { return exact };
+    let damped = if is_slow { None } else { Ldlt::of(&(B + damping * T_s)) };
+    let Some(factors) = damped else { return robot.forward_dynamics(q, qd, tau) };
+    let bounds: [_; N] = std::array::from_fn(|i| bounds(limits, qd[i], i));
     let solve = |torque: SVector<f64, N>| SVector::from(factors.solve(&torque.into()));
     let (gravity, damped) = (robot.gravity(q), damping * qd);
     let attracted = solve(tau - gravity + damped);
