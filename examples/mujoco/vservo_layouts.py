@@ -186,6 +186,7 @@ class Refusal(enum.IntEnum):
     ROBOT_OFF = 22
     ROBOT_FAULT = 23
     UNKNOWN_TARGET = 24
+    TOO_SMALL = 25
 
 
 class RequestKind(enum.IntEnum):
