@@ -69,6 +69,11 @@ pub(super) fn ctl(arguments: &CtlArguments) -> Result<u8, ProcessError> {
         CtlCommand::Jog { q: Some(NumberList(dq)), .. } => client.jog_joints(dq),
         CtlCommand::Jog { q: None, position_m, rotation_rpy_deg } => {
             let FixedNumbers(position_m) = position_m.unwrap_or(FixedNumbers([0.0; 3]));
+            // A turn by 358 degrees would be one by -2.
+            if rotation_rpy_deg.is_some_and(|FixedNumbers(rpy)| rpy.iter().any(|angle| angle.abs() > 180.0)) {
+                let message = "--rotation-rpy-deg: a jog turns the camera by 0.2 rad (11 degrees) at most";
+                return Err(ProcessError::NoCommand(message.into()));
+            }
             client.jog_camera(&position_m.into(), &rotation(*rotation_rpy_deg, None).scaled_axis())
         }
         CtlCommand::Velocity { q, camera, hold_s } => {

@@ -96,8 +96,9 @@ use std::fs::File;
 use std::io::stdin;
 use std::os::fd::AsFd;
 use std::os::unix::fs::FileExt;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::Mutex;
 use std::time::Duration;
 
 /// `vservo`: everything, by sub-command.
@@ -306,6 +307,25 @@ fn prepare(
 }
 
 fn check_writable(path: &Path) -> Result<(), ProcessError> {
+    /// What this command is to write so far.
+    static OUTPUTS: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+    // A device or a pipe takes several.
+    let is_special = std::fs::metadata(path).is_ok_and(|known| !known.is_file());
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let place = std::fs::canonicalize(path).or_else(|_| {
+        std::fs::canonicalize(folder).map(|folder| folder.join(path.file_name().unwrap_or_default()))
+    });
+    if let (Ok(place), Ok(mut outputs)) = (place, OUTPUTS.lock())
+        && !is_special
+    {
+        if outputs.contains(&place) {
+            let path = printable(&path.display().to_string());
+            let message =
+                format!("{path}: two outputs of this command have this name, of which one would be lost");
+            return Err(ProcessError::NoCommand(message));
+        }
+        outputs.push(place);
+    }
     rt::check_writable(path).map_err(|cause| ProcessError::Write { path: path.into(), cause })
 }
 

@@ -17,6 +17,8 @@ use solve::Solution;
 /// Likelihood ratio below which another solution may be the true one. Chosen by hand: an error rate of 1 % with equal priors; ratios that `detect` and
 /// vision call ambiguous lie well below.
 const SURE_RATIO: f64 = 100.0;
+/// How many times worse than stated points may fit before that is said. Derived: with ten degrees of freedom and honest deviations 1.75 is exceeded once in 1000 cases; 2 is beyond that for as few as eight.
+const MISFIT: f64 = 2.0;
 
 #[derive(Serialize)]
 struct PoseAnswer {
@@ -159,9 +161,17 @@ fn answer(method: PoseMethod, points: &Points, solutions: &[Solution], frames: &
         Some(ratio) if ambiguous => Some(format!(
             "the second pose is only {ratio:.1} times less likely: the view is too far or too frontal to tell them apart; use the pose of before"
         )),
-        _ => None,
+        _ => misfit(points, least, freedom),
     };
     PoseAnswer { method: method.word(), points: points.pixels.len(), solutions: told, ambiguous, reason }
+}
+
+/// What is said of points that fit the best pose worse than their stated deviation lets them.
+fn misfit(points: &Points, chi_square: f64, freedom: f64) -> Option<String> {
+    let times = (chi_square / freedom).sqrt();
+    (points.stated && freedom > 0.0 && times.is_finite() && times > MISFIT).then(|| {
+        format!("the points fit {times:.1} times worse than --sd says: one of them is wrong, or the stated covariances are too small by the square of that")
+    })
 }
 
 fn solution_out(s: &Solution, points: &Points, frames: &KnownFrames, ratio: Option<f64>) -> SolutionOut {
@@ -207,7 +217,7 @@ fn told(answer: &PoseAnswer) -> String {
         answer.method,
         crate::report::numbers::counted(answer.solutions.len() as u64, "solution"),
         answer.points,
-        answer.reason.as_ref().map_or_else(String::new, |reason| format!("; ambiguous: {reason}"))
+        answer.reason.as_ref().map_or_else(String::new, |reason| format!("; {reason}"))
     );
     for (i, s) in (1..).zip(&answer.solutions) {
         let place = |p: &[f64; 3], q: &[f64; 4]| {

@@ -10,8 +10,11 @@ impl CellArguments {
     pub fn uncalibrated(&self, is_uncalibrated: bool) -> Self {
         let mut cell = self.clone();
         if is_uncalibrated {
-            cell.set = UNCALIBRATED.map(str::to_owned).into_iter().chain(cell.set).collect();
-            tell(format_args!("vservo: --uncalibrated: --set {}", UNCALIBRATED.join(" --set ")));
+            let key = |argument: &str| argument.split('=').next().unwrap_or_default().trim().to_owned();
+            let is_own = |argument: &&str| cell.set.iter().any(|own| key(own) == key(argument));
+            let added: Vec<&str> = UNCALIBRATED.into_iter().filter(|argument| !is_own(argument)).collect();
+            tell(format_args!("vservo: --uncalibrated: --set {}", added.join(" --set ")));
+            cell.set = added.into_iter().map(str::to_owned).chain(cell.set).collect();
         }
         cell
     }

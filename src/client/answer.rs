@@ -159,7 +159,12 @@ impl RunAnswer {
     #[must_use]
     pub fn state_in_words(&self) -> String {
         match (self.fault, self.waits_for) {
-            (None, _) => self.state.to_owned(),
+            (None, _) => match self.target.filter(|target| *target != TargetStatus::Found.as_str()) {
+                Some(target) if self.state == ControlState::Teaching.as_str() => {
+                    format!("{}, which waits for the target: {target}", self.state)
+                }
+                _ => self.state.to_owned(),
+            },
             (Some(fault), Some(waits_for)) => {
                 format!("{} ({fault}; the reset waits: {waits_for})", self.state)
             }

@@ -81,6 +81,11 @@ fn another_goal_is_reached_while_the_run_goes_on() {
     refuses(&daemon, &["goal", "--position-m", "0,0,50"], "smaller than 8 px");
     refuses(
         &daemon,
+        &["goal", "--position-m", "0,0,0.4", "--rotation-rpy-deg", "180,0,0"],
+        "the back of the target",
+    );
+    refuses(
+        &daemon,
         &["goal", "--position-m", "0,0,0.5", "--rotation-xyzw", "0,0,0,1.2"],
         "its numbers are none",
     );

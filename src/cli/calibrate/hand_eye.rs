@@ -157,7 +157,10 @@ fn answer(arguments: &HandEyeArguments) -> Result<HandEyeAnswer, CalibrateError>
     let fits =
         |report: &Result<HandEyeReport, _>| report.as_ref().is_ok_and(|report| !report.is_contradicted());
     let (place, remedy) = match settings.place {
-        CameraMount::EyeInHand => (CameraMount::EyeToHand, "add --eye-to-hand"),
+        CameraMount::EyeInHand => (
+            CameraMount::EyeToHand,
+            "add --eye-to-hand; or, if it is in the hand, the poses are those of the base in the flange: invert them",
+        ),
         CameraMount::EyeToHand => (CameraMount::EyeInHand, "leave --eye-to-hand out"),
     };
     if !fits(&report) && fits(&calibrate_hand_eye(&views, &camera, &HandEyeSettings { place, ..settings })) {

@@ -7,6 +7,7 @@ use crate::cli::{StereoMatchArguments, json, shown, write_result};
 use crate::imaging::ImageView;
 use crate::imaging::corners::StructureDetector;
 use crate::process::ProcessError;
+use crate::rt::tell as say;
 use crate::stereo::{
     ConjugateSearch, ConjugateSettings, epipolar_line_1, epipolar_line_2, essential_matrix,
     fundamental_matrix, line_distance,
@@ -62,11 +63,28 @@ fn run(arguments: &StereoMatchArguments) -> Result<(Vec<Matched>, Images), (Stri
             return Err((format!("the {name} image is {}x{} px, its camera {w}x{h}", found.0, found.1), 3));
         }
     }
+    let (near, far) = (arguments.nearest_m, arguments.farthest_m);
+    if !(near > 0.0 && near < far) {
+        let message = format!("--nearest-m is {near}, --farthest-m {far}: 0 < nearest < farthest is needed");
+        return Err((message, 2));
+    }
     let points = match &arguments.points {
-        Some(text) => given(text).map_err(|e| (e, 2))?,
+        Some(text) => {
+            let points = given(text).map_err(|e| (e, 2))?;
+            if let Some(p) = points.iter().find(|p| !rig.camera_1.contains(p, 0.0)) {
+                return Err((format!("--points: ({}, {}) is not in the left image", p.x, p.y), 2));
+            }
+            points
+        }
         None => {
             let mut detector = StructureDetector::new(left.width(), left.height(), arguments.corners);
             let found = detector.find(&left, CORNER_STRENGTH);
+            if found.is_empty() {
+                let message = format!(
+                    "no corners of strength {CORNER_STRENGTH} and more in the left image: name points by --points"
+                );
+                return Err((message, 5));
+            }
             found.iter().map(|c| Vector2::new(c.x, c.y)).collect()
         }
     };
@@ -148,6 +166,9 @@ fn tell(arguments: &StereoMatchArguments, matched: &[Matched], (left, right): &I
         text
     };
     let mut exit_code = shown(&text, if count == 0 { 5 } else { 0 });
+    if let Some(reason) = matched.iter().find_map(|m| m.reason.as_ref()).filter(|_| count == 0) {
+        say(format_args!("vservo: none of {} points has a match; the first: {reason}", matched.len()));
+    }
     if let Some(path) = &arguments.overlay {
         let mut both = SideBySide::new(left, right);
         for m in matched {

@@ -1,6 +1,6 @@
 //! `vservo stereo motion`: displacement of a camera between two images of points, (10.43)-(10.46), or of a plane, (10.58)-(10.61).
 
-use super::pairs::{PairFile, intrinsic_matrix};
+use super::pairs::{PairFile, intrinsic_matrix, normalized_noise};
 use super::{finite, rows};
 use crate::camera_model::CameraModel;
 use crate::cli::detect::{calibration, refused};
@@ -13,12 +13,14 @@ use crate::stereo::{
     epipoles, essential_5_point, essential_8_point, fundamental_8_point, fundamental_matrix, plane_motion,
     plane_motion_consistent, refine_relative, relative_pose, sampson_error2,
 };
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Vector2, Vector3};
 use serde::Serialize;
 
 /// How far the cosine of the angle between two solutions may be from 1 if they are one: 1e-5 rad, a hundred times what a refinement stops at, and less than the error of any pixel. Chosen by hand.
 const SAME: f64 = 1e-10;
 
+/// How much nearer to a hint the true reading must be than the other, rad. Chosen by hand: a plane's normal is seldom known better than to two degrees.
+const TIE: f64 = 0.035;
 /// An inlier lies within this many standard deviations of its epipolar line. Chosen by hand: a normal deviate exceeds 3 once in 370 cases.
 const INLIER_SDS: f64 = 3.0;
 
@@ -108,12 +110,10 @@ fn run(a: &StereoMotionArguments) -> Result<MotionAnswer, Refused> {
         return Ok(fundamental_alone(&F, &file.pairs));
     }
     let pairs = file.normalized(cameras).map_err(|e| (e, 2))?;
-    // one standard deviation of a coordinate, normalized
-    let f_px = cameras.filter(|_| file.in_px).map_or(1.0, |(camera, _)| {
-        let i = camera.intrinsics();
-        (i.fx_px * i.fy_px).sqrt()
+    let sd = a.sd.map(|sd| match cameras.filter(|_| file.in_px) {
+        Some(cameras) => normalized_sd(cameras, &pairs, sd),
+        None => sd,
     });
-    let sd = a.sd.map(|sd| sd / f_px);
     match a.method {
         MotionMethod::Plane => {
             let motion = plane_motion(&pairs).map_err(failed)?;
@@ -132,6 +132,17 @@ fn run(a: &StereoMotionArguments) -> Result<MotionAnswer, Refused> {
         }
         method => of_points(method, &file.ids, &pairs, sd, cameras).map_err(failed),
     }
+}
+
+/// The standard deviation of a normalized coordinate, root mean square over all points and both cameras, whose lenses and focal lengths make it differ.
+fn normalized_sd(cameras: (&CameraModel, &CameraModel), pairs: &[Conjugates], sd_px: f64) -> f64 {
+    let variance = |camera: &CameraModel, s: &Vector2<f64>| {
+        normalized_noise(camera, s, sd_px).map_or(f64::NAN, |noise| 0.5 * noise.trace())
+    };
+    let all = pairs.iter().map(|p| 0.5 * (variance(cameras.0, &p.s_1) + variance(cameras.1, &p.s_2)));
+    let (sum, count) =
+        all.filter(|v| v.is_finite()).fold((0.0, 0.0), |(sum, count), v| (sum + v, count + 1.0));
+    f64::sqrt(sum / f64::max(count, 1.0))
 }
 
 fn cameras(a: &StereoMotionArguments) -> Result<Option<(CameraModel, CameraModel)>, String> {
@@ -154,16 +165,34 @@ fn vector_of(text: &str) -> Result<Vector3<f64>, String> {
     Ok(Vector3::from(numbers))
 }
 
+/// The direction of a hint.
+fn direction_of(option: &str, text: &str) -> Result<Vector3<f64>, Refused> {
+    let direction = vector_of(text).map_err(|e| (format!("{option}: {e}"), 2))?;
+    let usable = direction.iter().all(|x| x.is_finite()) && direction.norm() > 0.0;
+    usable.then_some(direction).ok_or_else(|| (format!("{option}: `{text}` has no direction"), 2))
+}
+
+/// Whether both readings are as far from a hint, rad, so that it does not tell which is true.
+fn is_tie(solutions: &HomographySolutions, apart: impl Fn(&HomographySolution) -> f64) -> bool {
+    solutions.second.is_some_and(|second| (apart(&second) - apart(&solutions.first)).abs() < TIE)
+}
+
 /// Both readings, or the one that what is known besides tells.
 fn chosen(a: &StereoMotionArguments, solutions: HomographySolutions) -> Result<HomographySolutions, Refused> {
     let one = |first: HomographySolution| HomographySolutions { first, second: None };
     if let Some(text) = &a.normal {
-        let n_2 = vector_of(text).map_err(|e| (format!("--normal: {e}"), 2))?;
-        return Ok(one(solutions.nearest_normal(&n_2)));
+        let n_2 = direction_of("--normal", text)?;
+        let apart = |s: &HomographySolution| s.n_2.angle(&n_2);
+        return Ok(if is_tie(&solutions, apart) { solutions } else { one(solutions.nearest_normal(&n_2)) });
     }
     if let Some(text) = &a.direction {
-        let direction = vector_of(text).map_err(|e| (format!("--direction: {e}"), 2))?;
-        return Ok(one(solutions.nearest_direction(&direction)));
+        let way = direction_of("--direction", text)?;
+        let apart = |s: &HomographySolution| s.p_12_1_over_d2.angle(&way);
+        return Ok(if is_tie(&solutions, apart) {
+            solutions
+        } else {
+            one(solutions.nearest_direction(&way))
+        });
     }
     Ok(solutions)
 }

@@ -7,7 +7,7 @@ use crate::geometry::Pose;
 use crate::input::file;
 use crate::report::csv_table::CsvTable;
 use crate::stereo::Conjugates;
-use nalgebra::{Matrix3, Vector2};
+use nalgebra::{Matrix2, Matrix3, Vector2};
 use std::path::Path;
 
 /// Longest file of points and of a pair, bytes. Chosen by hand, far more than the points that a solver uses.
@@ -35,6 +35,12 @@ impl Rig {
 pub(super) fn intrinsic_matrix(camera: &CameraModel) -> Matrix3<f64> {
     let i = camera.intrinsics();
     Matrix3::new(i.fx_px, 0.0, i.cx_px, 0.0, i.fy_px, i.cy_px, 0.0, 0.0, 1.0)
+}
+
+/// Covariance of a normalized point `s` whose pixel has the standard deviation `sd_px`.
+pub(super) fn normalized_noise(camera: &CameraModel, s: &Vector2<f64>, sd_px: f64) -> Option<Matrix2<f64>> {
+    let back = camera.pixel_jacobian(s).try_inverse()?;
+    Some(back * back.transpose() * (sd_px * sd_px))
 }
 
 /// The files of conjugate points: `u1_px,v1_px,u2_px,v2_px` in pixels, or `X1,Y1,X2,Y2` normalized.

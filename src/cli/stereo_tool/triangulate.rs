@@ -1,6 +1,7 @@
 //! `vservo stereo triangulate`: positions from conjugate points, (10.47)-(10.53).
 
-use super::pairs::{PairFile, Rig};
+use super::pairs::{PairFile, Rig, normalized_noise};
+use crate::camera_model::CameraModel;
 use crate::cli::detect::refused;
 use crate::cli::{StereoTriangulateArguments, TriangulationMethod, json, shown};
 use crate::geometry::Pose;
@@ -8,7 +9,7 @@ use crate::process::ProcessError;
 use crate::stereo::{
     Conjugates, Rectification, StereoError, Triangulator, triangulate_linear, triangulate_parallel,
 };
-use nalgebra::{Matrix3, Point3};
+use nalgebra::{Matrix2, Matrix3, Point3, Vector2};
 use serde::Serialize;
 
 #[derive(Serialize)]
@@ -40,14 +41,17 @@ fn run(arguments: &StereoTriangulateArguments) -> Result<Vec<Place>, String> {
     let told = |e: StereoError| e.to_string();
     let triangulator = Triangulator::new(&rig.X_12).map_err(told)?;
     let rectified = Rectification::new(&rig.camera_1, &rig.camera_2, &rig.X_12);
-    // one standard deviation of a coordinate, normalized
-    let i = rig.camera_1.intrinsics();
-    let sd = arguments.sd.map(|sd| if file.in_px { sd / (i.fx_px * i.fy_px).sqrt() } else { sd });
+    let noise = |camera: &CameraModel, s: &Vector2<f64>| {
+        let sd = arguments.sd?;
+        if file.in_px { normalized_noise(camera, s, sd) } else { Some(Matrix2::identity() * (sd * sd)) }
+    };
     let solve = |pair: &Conjugates| -> Result<(Point3<f64>, Option<Matrix3<f64>>), String> {
         match arguments.method {
             TriangulationMethod::Optimal => {
                 let point = triangulator.point(pair).map_err(told)?;
-                Ok((point.p_1, sd.map(|sd| point.covariance * (sd * sd))))
+                let noise = noise(&rig.camera_1, &pair.s_1).zip(noise(&rig.camera_2, &pair.s_2));
+                let covariance = noise.map(|(a, b)| triangulator.covariance_with(&point, [&a, &b]));
+                Ok((point.p_1, covariance))
             }
             TriangulationMethod::Linear => Ok((triangulate_linear(&rig.X_12, pair).map_err(told)?, None)),
             TriangulationMethod::Parallel => {

@@ -13,6 +13,8 @@ const MIN_SHARE: f64 = 1e-12;
 /// Bound of the entries of an interaction matrix of features that are defined. Chosen by hand: beyond it a feature has nearly lost its meaning
 /// (the axis of a nearly round area), and squares lose the small ones.
 const MAX_SQUARE: f64 = 1e12;
+/// Weights of features. Chosen by hand, wider than any use.
+const WEIGHT: std::ops::RangeInclusive<f64> = 1e-6..=1e6;
 
 /// The selection for a target of so many `points`; `None` where it cannot be made.
 pub(super) fn selection(s: &RawServo, points: usize, check: &mut Validation<'_>) -> Option<Selection> {
@@ -40,7 +42,10 @@ pub(super) fn selection(s: &RawServo, points: usize, check: &mut Validation<'_>)
         return None;
     }
     for (i, weight) in s.weights.iter().enumerate() {
-        check.range(&format!("servo.weights[{i}]"), *weight, 1e-6..=1e6);
+        check.range(&format!("servo.weights[{i}]"), *weight, WEIGHT);
+    }
+    if s.weights.iter().any(|weight| !WEIGHT.contains(weight)) {
+        return None;
     }
     let weights = s.weights.iter().copied().chain(std::iter::repeat(1.0));
     let selection = Selection::new(kinds.into_iter().zip(weights));

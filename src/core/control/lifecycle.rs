@@ -176,6 +176,8 @@ pub enum Refusal {
     UnknownTarget = 24,
     /// A goal so far away that the target could not be found in the image.
     TooSmall = 25,
+    /// A goal from which the camera looks at the back of the target.
+    FromBehind = 26,
 }
 
 impl Request {
@@ -221,7 +223,7 @@ impl Request {
 
 impl Refusal {
     /// All reasons.
-    pub const ALL: [Self; 25] = [
+    pub const ALL: [Self; 26] = [
         Self::InFault,
         Self::NoFault,
         Self::StillMoving,
@@ -247,6 +249,7 @@ impl Refusal {
         Self::RobotFault,
         Self::UnknownTarget,
         Self::TooSmall,
+        Self::FromBehind,
     ];
 
     /// The reason and the remedy, for people.
@@ -268,11 +271,14 @@ impl Refusal {
             Self::UnknownCamera => "goals of this run are seen by one camera, number 0",
             Self::WrongNumbers => {
                 "its numbers are none that this run takes: a posture needs one for each joint, a velocity one for each joint or six of the camera and \
-                 the time for which it holds (0.01 to 1 s), a pose a position within 100 m; a gain is 0.001 to 100 1/s, a tolerance 0.000001 to 100 px, a \
-                 hold 0 to 60 s, a velocity at most 30 rad/s or m/s"
+                 the time for which it holds (0.01 to 1 s), and all must be finite and within the bounds: a gain 0.001 to 100 1/s, a tolerance 0.000001 to \
+                 100 px, a hold 0 to 60 s, a velocity at most 30 rad/s or m/s, a position within 100 m"
             }
             Self::TooSmall => {
                 "the target would be smaller than 8 px in the image at that goal, too small to be found: a goal is in m, x to the right, y down, z ahead"
+            }
+            Self::FromBehind => {
+                "the camera would look at the back of the target at that goal: the target's z must point away from the camera (a rotation of 0,0,0 looks at its front)"
             }
             Self::OtherPoints => {
                 "the goal is of other points than the target of this run: teach it with the same run file, or give a pose"

@@ -13,6 +13,7 @@
 
 use super::{Cause, RunEvidence, RunFinding, median};
 use crate::control::outcome::Outcome;
+use crate::mission::contradicted_text;
 use crate::mission::residual::OUT_OF_REACH;
 use nalgebra::{DMatrix, DVector, Matrix3, Quaternion, UnitQuaternion, Vector3};
 
@@ -45,6 +46,13 @@ pub(super) fn findings(evidence: &RunEvidence) -> Vec<RunFinding> {
     if evidence.config.camera.mount.is_on_arm() && evidence.config.closes_the_loop() {
         let places = places(evidence);
         found.extend(at_rest(evidence, &places));
+    } else if let Some(text) = contradicted_text(&evidence.summary.contradicted) {
+        found.push(RunFinding {
+            cause: Cause::WrongMount,
+            what: "lens, mount, stamps or target are not as described".into(),
+            evidence: text,
+            change: "the keys that are named there".into(),
+        });
     }
     if evidence.summary.reason == OUT_OF_REACH && found.is_empty() {
         let px = evidence.summary.final_errors.feature_error_px.unwrap_or(f64::NAN);

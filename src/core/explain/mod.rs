@@ -48,6 +48,8 @@ pub enum Cause {
     Contact,
     /// Another fault: the summary has it.
     OtherFault,
+    /// A limit in space held the arm back.
+    HeldBySpace,
     /// The lens is not as described.
     WrongLens,
     /// The depth that the law takes is not that of the target.

@@ -89,10 +89,24 @@ pub(super) fn findings(evidence: &RunEvidence, is_explained: bool) -> Vec<RunFin
     if late.len() < FEWEST {
         return Vec::new();
     }
-    if let Some(finding) = swings(evidence, late) {
+    // An arm that a limit in space holds back leaves the way of the law, and may swing by that.
+    if let Some(finding) = held_by_space(evidence).or_else(|| swings(evidence, late)) {
         return vec![finding];
     }
     slow(evidence, late).into_iter().filter(|_| !is_explained).collect()
+}
+
+/// Limits in space that held the arm back for more than a twentieth of the run.
+fn held_by_space(evidence: &RunEvidence) -> Option<RunFinding> {
+    let RunEvidence { summary, .. } = evidence;
+    let most = summary.safety.held_by.iter().max_by_key(|held| held.ticks)?;
+    // Chosen by hand: what acts for less was passed by.
+    (20 * most.ticks > summary.ticks).then(|| RunFinding {
+        cause: Cause::HeldBySpace,
+        what: format!("{} held the arm back from its way to the goal", most.limit),
+        evidence: format!("it acted in {} of {} ticks, and the goal was not reached", most.ticks, summary.ticks),
+        change: "[workspace]: move that limit; or another goal, or another start, from which the way does not lead there".into(),
+    })
 }
 
 /// An error that goes up and down about its goal.

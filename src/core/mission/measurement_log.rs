@@ -130,6 +130,11 @@ impl MeasurementLog {
         }
     }
 
+    /// The goal is another one: the error is not that of it.
+    pub(super) fn forget_error(&mut self) {
+        self.error_px = f64::NAN;
+    }
+
     /// What was seen before is of another target than the goal.
     pub(super) fn forget_view(&mut self) {
         (self.last_found, self.error_px) = (None, f64::NAN);

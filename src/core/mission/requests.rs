@@ -42,6 +42,8 @@ const JOG_REACHED: f64 = 1e-5;
 const NORM_ERROR: f64 = 2e-3;
 /// Points that must be in the image at a goal, or all where there are fewer. Derived: four points in a plane are the fewest that give one pose.
 const POINTS_IN_VIEW: usize = 4;
+/// How far the points of a flat target may lie beside its plane z = 0, m. Chosen by hand: rounding.
+const FLAT_M: f64 = 1e-9;
 /// Farthest two points of the target must be apart at a goal, px of the image's middle. Chosen by hand: half of what the smallest tag takes that is found.
 const SMALLEST_PX: f64 = 8.0;
 /// Normalized coordinates. Derived: they are tangents, and those of a camera that sees farther to the side than 89 degrees are beyond 57.
@@ -145,6 +147,7 @@ impl<const N: usize> Mission<N> {
         if let RunTask::LookAndMove(task) = &mut self.task {
             task.forget_search();
         }
+        self.measurements.forget_error();
         if set_point.target() != self.goal.set_point.target() {
             self.measurements.forget_view();
         }
@@ -196,7 +199,19 @@ impl<const N: usize> Mission<N> {
             _ => return Err(Refusal::WrongNumbers),
         };
         let goal = goal.filter(|goal| self.is_in_view(goal)).ok_or(Refusal::OutOfView)?;
-        if self.is_too_small(&goal) { Err(Refusal::TooSmall) } else { Ok(goal) }
+        match () {
+            () if self.is_too_small(&goal) => Err(Refusal::TooSmall),
+            () if self.is_from_behind(&goal) => Err(Refusal::FromBehind),
+            () => Ok(goal),
+        }
+    }
+
+    /// Whether the points of a flat target would be seen from the side on which they are not.
+    fn is_from_behind(&self, goal: &SetPoint) -> bool {
+        let (Some(X_DO), points) = (goal.X_DO(), goal.points()) else { return false };
+        let is_flat = points.iter().all(|p| p.z.abs() < FLAT_M);
+        let ahead = points.iter().map(|p| (X_DO * p).coords.dot(&(X_DO.rotation * Vector3::z())));
+        self.cell.is_some() && is_flat && ahead.sum::<f64>() < 0.0
     }
 
     /// Whether no detector could tell the points of the target apart at `goal`; of a single point that is not known.

@@ -348,7 +348,7 @@ impl Summary {
         if !self.rotors_kg_m2_or_kg.is_empty() {
             let _ = writeln!(
                 t,
-                "rotors        {:.3?} kg m2 or kg at the joints, beyond the robot file: set armature_kg_m2",
+                "rotors        {:.3?} kg m2 or kg more than the robot file has are felt at the joints: rotors (armature_kg_m2), or a load whose mass or place is not told",
                 self.rotors_kg_m2_or_kg
             );
         }

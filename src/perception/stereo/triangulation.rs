@@ -8,7 +8,7 @@ use super::StereoError;
 use super::epipolar::{Conjugates, essential_matrix};
 use crate::geometry::Pose;
 use crate::linalg::Ldlt;
-use nalgebra::{Matrix3, Point3, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix2x3, Matrix3, Point3, Vector2, Vector3};
 
 /// Sine of the angle between two rays, squared, below which they count as parallel: 1e-8 rad, a point 1e8 base lines away. Derived: the determinant
 /// of the two equations is that square, and it rounds to 1e-16.
@@ -130,6 +130,18 @@ impl Triangulator {
         Ok(TriangulatedPoint { p_1: Point3::from(s1 * l1), error2, covariance })
     }
 
+    /// Covariance of the position of `point`, m^2, where the noise of its images in camera 1 and 2 has these covariances, normalized units: lenses and focal lengths make them unequal.
+    #[must_use]
+    pub fn covariance_with(&self, point: &TriangulatedPoint, noise: [&Matrix2<f64>; 2]) -> Matrix3<f64> {
+        let p_2 = self.R.tr_mul(&(point.p_1.coords - self.o));
+        let projection = |p: &Vector3<f64>| Matrix2x3::new(1.0, 0.0, -p.x / p.z, 0.0, 1.0, -p.y / p.z) / p.z;
+        let (J_1, J_2) = (projection(&point.p_1.coords), projection(&p_2) * self.R.transpose());
+        // The position is C (J_1^T ds_1 + J_2^T ds_2) off, C that of noise of variance one.
+        let [noise_1, noise_2] = noise;
+        let pull = J_1.tr_mul(&(noise_1 * J_1)) + J_2.tr_mul(&(noise_2 * J_2));
+        point.covariance * pull * point.covariance
+    }
+
     /// The nearest pair that meets (10.46).
     #[inline]
     fn corrected(&self, pair: &Conjugates) -> Conjugates {
@@ -187,6 +199,31 @@ mod tests {
     fn reprojection2(X_12: &Pose, p: &Point3<f64>, pair: &Conjugates) -> f64 {
         let q = X_12.inverse() * p;
         (p.xy().coords / p.z - pair.s_1).norm_squared() + (q.xy().coords / q.z - pair.s_2).norm_squared()
+    }
+
+    /// Positions of noisy images whose noise is unequal in both cameras and directions: squared errors by the stated covariance are chi-square with three degrees of freedom.
+    #[test]
+    fn unequal_noise_is_in_the_covariance() {
+        let X = camera_pose();
+        let both = Triangulator::new(&X).unwrap();
+        let mut random = Random::new(31);
+        let roots = [Matrix2::new(2e-4, 0.0, 1e-4, 1e-4), Matrix2::new(1.5e-3, 2e-4, 0.0, 8e-4)];
+        let noise = roots.map(|root| root * root.transpose());
+        let (mut chi_square, mut alike) = (0.0, 0.0);
+        let all = scene(&X, 2000, 5);
+        for (pair, p) in &all {
+            let mut off = |root: &Matrix2<f64>| root * Vector2::new(random.gaussian(), random.gaussian());
+            let seen = Conjugates { s_1: pair.s_1 + off(&roots[0]), s_2: pair.s_2 + off(&roots[1]) };
+            let found = both.point(&seen).unwrap();
+            let d = found.p_1 - p;
+            let C = both.covariance_with(&found, [&noise[0], &noise[1]]);
+            chi_square += d.dot(&(C.try_inverse().unwrap() * d)) / all.len() as f64;
+            let one = Matrix2::identity();
+            let equal = both.covariance_with(&found, [&one, &one]);
+            alike = f64::max(alike, (equal - found.covariance).norm() / found.covariance.norm());
+        }
+        assert!((chi_square - 3.0).abs() < 0.3, "{chi_square}");
+        assert!(alike < 0.05, "{alike}: of noise of variance one it is that of the point");
     }
 
     #[test]

@@ -141,6 +141,11 @@ impl Commands {
         if standing.goal_points > 0 && standing.goal == goal.id {
             return;
         }
+        if standing.goal_points > 0 {
+            // These are of the goal before.
+            standing.feature_error_px = f64::NAN;
+            (standing.position_error_m, standing.orientation_error_rad) = (f64::NAN, f64::NAN);
+        }
         standing.target_number = goal.set_point.target();
         (standing.goal, standing.goal_points) = (goal.id, goal.set_point.points().len() as u64);
         standing.goal_ids.iter_mut().zip(goal.set_point.ids()).for_each(|(place, id)| *place = *id);

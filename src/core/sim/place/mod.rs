@@ -95,7 +95,7 @@ pub enum PlaceError {
     /// No place suits.
     #[error(
         "no posture has the camera before such a place, away from limits and singular postures: {tried} postures were tried; \
-         let it look elsewhere (--look any), leave out --object, or change --distance"
+         let it look elsewhere (--look any), leave out --object, or change --distance-m"
     )]
     Nowhere {
         /// How many postures.
@@ -111,7 +111,7 @@ pub enum PlaceError {
     },
     /// The target does not fit into the image from anywhere.
     #[error(
-        "--distance: from {distance_m} m the target is not in the image as a whole; it is {size_m:.3} m large"
+        "--distance-m: from {distance_m} m the target is not in the image as a whole; it is {size_m:.3} m large"
     )]
     Distance {
         /// How far.

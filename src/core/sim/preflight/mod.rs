@@ -338,15 +338,22 @@ fn rotors(config: &Config) -> Option<String> {
     })
 }
 
-/// The first joint that gravity turns away against its whole effort in `q`, at the `place` of the run.
+/// The joints that gravity turns away against their whole effort in `q`, at the `place` of the run, the worst first.
 fn overload<const N: usize>(robot: &Robot<N>, place: &str, q: &SVector<f64, N>) -> Option<String> {
     let gravity = robot.gravity(q);
-    let i = (0..N).find(|i| gravity[*i].abs() > robot.limits()[*i].effort)?;
-    let (name, needs, effort) = (&robot.joint_names()[i], gravity[i].abs(), robot.limits()[i].effort);
-    Some(format!(
-        "at the {place} gravity needs {needs:.4} N m or N of joint \"{name}\", whose effort limit is {effort}: the arm cannot hold itself; \
-         correct the limit, the masses or gravity_m_s2"
-    ))
+    let share = |i: &usize| gravity[*i].abs() / robot.limits()[*i].effort;
+    let mut over: Vec<usize> = (0..N).filter(|i| share(i) > 1.0).collect();
+    over.sort_by(|a, b| share(b).total_cmp(&share(a)));
+    let told = over.iter().map(|i| {
+        let (name, needs, effort) = (&robot.joint_names()[*i], gravity[*i].abs(), robot.limits()[*i].effort);
+        format!("{needs:.4} N m or N of joint \"{name}\", whose effort limit is {effort}")
+    });
+    let told = told.collect::<Vec<_>>().join(", and ");
+    (!over.is_empty()).then(|| {
+        format!(
+            "at the {place} gravity needs {told}: the arm cannot hold itself; correct the limit, the masses or gravity_m_s2"
+        )
+    })
 }
 
 /// What the camera really sees before the arm moves.
