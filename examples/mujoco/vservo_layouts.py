@@ -187,6 +187,7 @@ class Refusal(enum.IntEnum):
     ROBOT_FAULT = 23
     UNKNOWN_TARGET = 24
     TOO_SMALL = 25
+    FROM_BEHIND = 26
 
 
 class RequestKind(enum.IntEnum):

@@ -166,3 +166,16 @@ fn no_recording_is_written_over_by_what_is_made_of_it() {
     assert_eq!(std::fs::read(&recording).unwrap(), before);
     assert_eq!(std::fs::read(&config).unwrap(), told);
 }
+
+/// What is written last would be all that is left.
+#[test]
+fn two_outputs_of_one_name_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("both");
+    let (name, other) = (path.to_str().unwrap(), folder.path().join("./both"));
+    for (first, second) in [(name, name), (name, other.to_str().unwrap())] {
+        let (output, _, told) = run(&[&LOCKSTEP[..], &["--summary", first, "--record", second]].concat());
+        assert!(output.status.code() == Some(2) && told.contains("two outputs"), "{told}");
+        assert!(!path.exists());
+    }
+}

@@ -293,6 +293,12 @@ fn both_readings_of_a_plane_and_what_tells_them_apart() {
         let one = readings(&[&["motion", "--homography", &text], known.as_slice()].concat());
         assert!(one.len() == 1 && is_truth(&one[0]), "{known:?}: {one:?}");
     }
+    // a hint as far from the one as from the other tells nothing, and one without a direction is none
+    let [a, b] = [0, 1].map(|i| Vector3::from_vec(list(&both[i]["normal_2"])));
+    let between = (a + b).iter().map(|v| format!("{v:?}")).collect::<Vec<_>>().join(",");
+    assert_eq!(readings(&["motion", "--homography", &text, "--normal", &between]).len(), 2);
+    let (code, _, err) = ended(&["stereo", "motion", "--homography", &text, "--normal", "0,0,0"]);
+    assert!(code == 2 && err.contains("has no direction"), "{err}");
     // from points of the plane n . p = d in camera 2, seen from camera 1 and from a third place
     let on_plane: Vec<_> = [[-0.2, -0.1], [0.25, -0.15], [0.2, 0.2], [-0.15, 0.15], [0.05, 0.02]]
         .map(|[x, y]| {
