@@ -27,6 +27,7 @@ mod layouts;
 mod man;
 mod misspelt;
 mod monitor;
+mod outputs;
 mod place;
 mod place_arguments;
 mod pose_tool;
@@ -91,14 +92,14 @@ use crate::report::summary::Summary;
 use crate::rt::{self, print, tell};
 use clap::Parser;
 use misspelt::misspelt;
+use outputs::{check_writable, lost, write_result};
 use std::ffi::OsString;
 use std::fs::File;
 use std::io::stdin;
 use std::os::fd::AsFd;
 use std::os::unix::fs::FileExt;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::ExitCode;
-use std::sync::Mutex;
 use std::time::Duration;
 
 /// `vservo`: everything, by sub-command.
@@ -304,43 +305,6 @@ fn prepare(
     warn(&config);
     check::warn_of_preflight(&draft, &config, refuses)?;
     Ok((config, cell.instance.parse()?))
-}
-
-fn check_writable(path: &Path) -> Result<(), ProcessError> {
-    /// What this command is to write so far.
-    static OUTPUTS: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
-    // A device or a pipe takes several.
-    let is_special = std::fs::metadata(path).is_ok_and(|known| !known.is_file());
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let place = std::fs::canonicalize(path).or_else(|_| {
-        std::fs::canonicalize(folder).map(|folder| folder.join(path.file_name().unwrap_or_default()))
-    });
-    if let (Ok(place), Ok(mut outputs)) = (place, OUTPUTS.lock())
-        && !is_special
-    {
-        if outputs.contains(&place) {
-            let path = printable(&path.display().to_string());
-            let message =
-                format!("{path}: two outputs of this command have this name, of which one would be lost");
-            return Err(ProcessError::NoCommand(message));
-        }
-        outputs.push(place);
-    }
-    rt::check_writable(path).map_err(|cause| ProcessError::Write { path: path.into(), cause })
-}
-
-/// Writes what is also on stdout into a file. A failure is reported and determines the exit code, unless there was a graver
-/// one already.
-fn write_result(path: &Path, text: impl AsRef<[u8]>, exit_code: u8) -> u8 {
-    let Err(cause) = rt::write_file(path, text) else { return exit_code };
-    lost(path, cause, exit_code)
-}
-
-/// Tells that results could not be written; the exit code.
-fn lost(path: &Path, cause: std::io::Error, exit_code: u8) -> u8 {
-    let error = ProcessError::Write { path: path.into(), cause };
-    tell(format_args!("vservo: {error}"));
-    if exit_code == 0 { error.exit_code() } else { exit_code }
 }
 
 /// The summary as JSON, where a file was named for it. The exit code.

@@ -263,22 +263,17 @@ impl Refusal {
             Self::NotStarted => "nothing was started that could be held",
             Self::Teaching => "the goal is being taught: wait, or `hold` to give that up",
             Self::Ending => "the run is ending",
-            Self::UnknownRequest => {
-                "this run knows no such request: does whoever asks run the same version of vservo?"
-            }
+            Self::UnknownRequest => "this run knows no such request: do both run the same version of vservo?",
             Self::UnknownArm => "this run has one arm, number 0",
             Self::NotReady => "the run is still starting: it waits for its external drive",
             Self::UnknownCamera => "goals of this run are seen by one camera, number 0",
             Self::WrongNumbers => {
                 "its numbers are none that this run takes: a posture needs one for each joint, a velocity one for each joint or six of the camera and \
-                 the time for which it holds (0.01 to 1 s), and all must be finite and within the bounds: a gain 0.001 to 100 1/s, a tolerance 0.000001 to \
-                 100 px, a hold 0 to 60 s, a velocity at most 30 rad/s or m/s, a position within 100 m"
+                 the time for which it holds (0.01 to 1 s), and all must be finite and within the bounds: a gain 0.001 to 100 1/s, a tolerance 0.000001 to 100 px, a hold 0 to 60 s, a velocity at most 30 rad/s or m/s, a position within 100 m"
             }
-            Self::TooSmall => {
-                "the target would be smaller than 8 px in the image at that goal, too small to be found: a goal is in m, x to the right, y down, z ahead"
-            }
+            Self::TooSmall => "the target would be smaller than 8 px at that goal: is it given in m?",
             Self::FromBehind => {
-                "the camera would look at the back of the target at that goal: the target's z must point away from the camera (a rotation of 0,0,0 looks at its front)"
+                "the camera would see the back of the target: its z must point away from the camera"
             }
             Self::OtherPoints => {
                 "the goal is of other points than the target of this run: teach it with the same run file, or give a pose"
