@@ -17,7 +17,7 @@ use solve::Solution;
 /// Likelihood ratio below which another solution may be the true one. Chosen by hand: an error rate of 1 % with equal priors; ratios that `detect` and
 /// vision call ambiguous lie well below.
 const SURE_RATIO: f64 = 100.0;
-/// How many times worse than stated points may fit before that is said. Derived: with ten degrees of freedom and honest deviations 1.75 is exceeded once in 1000 cases; 2 is beyond that for as few as eight.
+/// How many times worse than stated points may fit before that is said. Derived: honest deviations exceed it less than once in 1000 cases with six degrees of freedom, less often with more; with the two of four points once in 55.
 const MISFIT: f64 = 2.0;
 
 #[derive(Serialize)]
@@ -170,7 +170,7 @@ fn answer(method: PoseMethod, points: &Points, solutions: &[Solution], frames: &
 fn misfit(points: &Points, chi_square: f64, freedom: f64) -> Option<String> {
     let times = (chi_square / freedom).sqrt();
     (points.stated && freedom > 0.0 && times.is_finite() && times > MISFIT).then(|| {
-        format!("the points fit {times:.1} times worse than --sd says: one of them is wrong, or the stated covariances are too small by the square of that")
+        format!("the points fit {times:.1} times worse than is stated of them: one of them is wrong, or the stated covariances are too small by the square of that")
     })
 }
 
@@ -217,7 +217,9 @@ fn told(answer: &PoseAnswer) -> String {
         answer.method,
         crate::report::numbers::counted(answer.solutions.len() as u64, "solution"),
         answer.points,
-        answer.reason.as_ref().map_or_else(String::new, |reason| format!("; {reason}"))
+        answer.reason.as_ref().map_or_else(String::new, |reason| {
+            format!("; {}{reason}", if answer.ambiguous { "ambiguous: " } else { "" })
+        })
     );
     for (i, s) in (1..).zip(&answer.solutions) {
         let place = |p: &[f64; 3], q: &[f64; 4]| {

@@ -272,10 +272,10 @@ fn of_points(
             for E in essential_5_point(first)?.as_slice() {
                 let Ok((X_12, in_front)) = relative_pose(E, pairs) else { continue };
                 // Further pairs tell which of the solutions is true, and where it is: with errors, five alone are far off.
-                let refined = refine_relative(&X_12, pairs, sd.unwrap_or(0.0)).ok();
-                let solution = match refined.filter(|_| pairs.len() > first.len()) {
-                    Some(refined) => refined_motion(&refined, in_front, pairs, cameras, sd),
-                    None => one(E, X_12, in_front),
+                let further = (pairs.len() > first.len()).then_some(pairs);
+                let solution = match further.map(|all| refine_relative(&X_12, all, sd.unwrap_or(0.0))) {
+                    Some(Ok(refined)) => refined_motion(&refined, in_front, pairs, cameras, sd),
+                    _ => one(E, X_12, in_front),
                 };
                 if !solutions.iter().any(|known| is_same(known, &solution)) {
                     solutions.push(solution);

@@ -48,7 +48,11 @@ pub(super) fn findings(evidence: &RunEvidence) -> Vec<RunFinding> {
         found.extend(at_rest(evidence, &places));
     } else if let Some(text) = contradicted_text(&evidence.summary.contradicted) {
         found.push(RunFinding {
-            cause: Cause::WrongMount,
+            cause: evidence
+                .summary
+                .contradicted
+                .first()
+                .map_or(Cause::WrongMount, |number| cause_of(&number.key)),
             what: "lens, mount, stamps or target are not as described".into(),
             evidence: text,
             change: "the keys that are named there".into(),
@@ -64,6 +68,16 @@ pub(super) fn findings(evidence: &RunEvidence) -> Vec<RunFinding> {
         });
     }
     found
+}
+
+/// The cause that a wrong number of the description is.
+fn cause_of(key: &str) -> Cause {
+    match key {
+        key if key.starts_with("camera.stamp") => Cause::WrongStamps,
+        key if key.starts_with("camera.lens") => Cause::WrongLens,
+        key if key.starts_with("camera.mount") => Cause::WrongMount,
+        _ => Cause::WrongScale,
+    }
 }
 
 /// Points that fit no pose of the target through this lens.

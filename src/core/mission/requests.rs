@@ -14,6 +14,7 @@ use crate::control::order::ControlOrder;
 use crate::geometry::{Pose, rotation_angle};
 use crate::messages::{CommandForm, ControlCommand};
 use crate::motion::Workspace;
+use crate::scene::is_front;
 use crate::servo::{PostureSearch, SetPoint};
 use crate::target::PointKind;
 use crate::time::SpanNs;
@@ -44,7 +45,7 @@ const NORM_ERROR: f64 = 2e-3;
 const POINTS_IN_VIEW: usize = 4;
 /// How far the points of a flat target may lie beside its plane z = 0, m. Chosen by hand: rounding.
 const FLAT_M: f64 = 1e-9;
-/// Farthest two points of the target must be apart at a goal, px of the image's middle. Chosen by hand: half of what the smallest tag takes that is found.
+/// How far from its first point the farthest one of the target must be at a goal, px of the image's middle. Chosen by hand: half of what the smallest tag takes that is found.
 const SMALLEST_PX: f64 = 8.0;
 /// Normalized coordinates. Derived: they are tangents, and those of a camera that sees farther to the side than 89 degrees are beyond 57.
 const FEATURES: RangeInclusive<f64> = -57.0..=57.0;
@@ -199,19 +200,13 @@ impl<const N: usize> Mission<N> {
             _ => return Err(Refusal::WrongNumbers),
         };
         let goal = goal.filter(|goal| self.is_in_view(goal)).ok_or(Refusal::OutOfView)?;
-        match () {
-            () if self.is_too_small(&goal) => Err(Refusal::TooSmall),
-            () if self.is_from_behind(&goal) => Err(Refusal::FromBehind),
-            () => Ok(goal),
+        if self.is_too_small(&goal) {
+            Err(Refusal::TooSmall)
+        } else if is_from_behind(&goal) {
+            Err(Refusal::FromBehind)
+        } else {
+            Ok(goal)
         }
-    }
-
-    /// Whether the points of a flat target would be seen from the side on which they are not.
-    fn is_from_behind(&self, goal: &SetPoint) -> bool {
-        let (Some(X_DO), points) = (goal.X_DO(), goal.points()) else { return false };
-        let is_flat = points.iter().all(|p| p.z.abs() < FLAT_M);
-        let ahead = points.iter().map(|p| (X_DO * p).coords.dot(&(X_DO.rotation * Vector3::z())));
-        self.cell.is_some() && is_flat && ahead.sum::<f64>() < 0.0
     }
 
     /// Whether no detector could tell the points of the target apart at `goal`; of a single point that is not known.
@@ -340,4 +335,10 @@ fn pose_of(numbers: &[f64]) -> Result<Pose, Refusal> {
     let is_good = (q.norm() - 1.0).abs() <= NORM_ERROR && [px, py, pz].iter().all(|x| POSITION_M.contains(x));
     let pose = Pose::from_parts(Translation3::new(px, py, pz), UnitQuaternion::from_quaternion(q));
     if is_good { Ok(pose) } else { Err(Refusal::WrongNumbers) }
+}
+
+/// Whether the points of a flat target would be seen from the side on which they are not.
+fn is_from_behind(goal: &SetPoint) -> bool {
+    let is_flat = goal.points().iter().all(|p| p.z.abs() < FLAT_M);
+    is_flat && goal.X_DO().is_some_and(|X_DO| !is_front(X_DO))
 }

@@ -42,4 +42,4 @@ pub use scenery::Bystander;
 pub use schedule::{FrameSchedule, Irregularity};
 pub use sensor::{MAX_SIDE_PX, SensorModel};
 pub use synthetic_camera::{Exposure, SyntheticCamera};
-pub use visibility::{Overhang, PointVisibility, Visibility};
+pub use visibility::{Overhang, PointVisibility, Visibility, is_front};

@@ -191,7 +191,8 @@ impl PointVisibility {
 }
 
 /// Whether a camera sees the side of a plane towards which its z does not point.
-fn is_front(X_CS: &Pose) -> bool {
+#[must_use]
+pub fn is_front(X_CS: &Pose) -> bool {
     (X_CS.rotation * Vector3::z()).dot(&X_CS.translation.vector) > 0.0
 }
 

@@ -122,7 +122,7 @@ impl MotionAgreement {
         }
         let now = Sighting { exposure, view: *view, X_WC: *X_WC };
         let standing = match &mut self.standing {
-            Some(standing) if self.moves => standing,
+            Some(standing) if self.moves => *standing,
             standing => {
                 Standing::note(standing, now);
                 return;
@@ -159,9 +159,9 @@ impl MotionAgreement {
             let mut X_CB = X_CB;
             X_CB.translation.vector *= DEPTH_STEP.powi(k);
             let Some(predicted) = base.predicted_at(&X_CB, set_point) else { return left };
-            let resting = OwnMotion { before: base, times: 0.0 };
+            let resting = OwnMotion { before: &base, times: 0.0 };
             let explained = [resting, object.unwrap_or(resting)]
-                .map(|object| feature_motion_beside(&base, &predicted, view, &object));
+                .map(|object| feature_motion_beside(&base, &predicted, view, object));
             explained.into_iter().flatten().map(|motion| motion.left).fold(left, f64::min)
         };
         let left = (-DEPTHS..=DEPTHS).map(of_depth).fold(left, f64::min);
@@ -227,18 +227,18 @@ impl Standing {
     }
 
     /// The motion of the object that was seen in the last two views, if it goes on until `exposure`; `None` where the camera moved between them, and where there are no two.
-    fn motion_until(&self, exposure: MonoNs) -> Option<OwnMotion> {
+    fn motion_until(&self, exposure: MonoNs) -> Option<OwnMotion<'_>> {
         let span = self.last.exposure - self.before.exposure;
         let times = (exposure - self.last.exposure).as_s() / span.as_s();
         (span > SpanNs::ZERO && is_still(&self.last.X_WC.inv_mul(&self.before.X_WC)))
-            .then_some(OwnMotion { before: self.before.view, times })
+            .then_some(OwnMotion { before: &self.before.view, times })
     }
 }
 
 /// The motion of an object: so many times that from `before` to the last view before the arm moved.
 #[derive(Clone, Copy)]
-struct OwnMotion {
-    before: View,
+struct OwnMotion<'a> {
+    before: &'a View,
     times: f64,
 }
 
@@ -287,8 +287,8 @@ struct FeatureMotion {
 
 /// The motion from `base` to `view` beside the one that a camera makes that goes by `X_CB`; `None` without common features.
 fn feature_motion(base: &View, X_CB: &Pose, view: &View, set_point: &SetPoint) -> Option<FeatureMotion> {
-    let resting = OwnMotion { before: *base, times: 0.0 };
-    feature_motion_beside(base, &base.predicted_at(X_CB, set_point)?, view, &resting)
+    let resting = OwnMotion { before: base, times: 0.0 };
+    feature_motion_beside(base, &base.predicted_at(X_CB, set_point)?, view, resting)
 }
 
 /// The motion from `base` to `view` beside that to `predicted`, and what the object adds to the latter by its own motion.
@@ -296,7 +296,7 @@ fn feature_motion_beside(
     base: &View,
     predicted: &View,
     view: &View,
-    object: &OwnMotion,
+    object: OwnMotion<'_>,
 ) -> Option<FeatureMotion> {
     let (mut moved, mut seen, mut left, mut count) = (0.0, 0.0, 0.0, 0.0);
     for (i, s) in view.seen() {

@@ -32,6 +32,16 @@ fn poses(count: usize, sees: impl Fn(&Pose) -> bool, random: &mut Random) -> Vec
     all
 }
 
+/// The board as a camera sees it, with noise.
+fn seen(camera: &CameraModel, X: &Pose, random: &mut Random) -> BoardView {
+    let point = |id: u32| {
+        let noise = Vector2::new(random.gaussian(), random.gaussian()) * NOISE_PX;
+        let px = camera.project(&(X * corner(id))).unwrap() + noise;
+        BoardPoint { id, p_O: corner(id), px, covariance_px2: Matrix2::zeros() }
+    };
+    (0..54).map(point).collect()
+}
+
 /// Errors of X_LR over trials against its covariance: chi-square with six degrees of freedom.
 #[test]
 fn pair_is_found_as_certainly_as_is_told() {
@@ -46,14 +56,7 @@ fn pair_is_found_as_certainly_as_is_told() {
     };
     let mut random = Random::new(6);
     let poses = poses(12, |X| in_image(&left, X) && in_image(&right, &(X_RL * X)), &mut random);
-    let mut view = |camera: &CameraModel, X: &Pose| -> BoardView {
-        let mut point = |id: u32| {
-            let noise = Vector2::new(random.gaussian(), random.gaussian()) * NOISE_PX;
-            let px = camera.project(&(X * corner(id))).unwrap() + noise;
-            BoardPoint { id, p_O: corner(id), px, covariance_px2: Matrix2::zeros() }
-        };
-        (0..54).map(&mut point).collect()
-    };
+    let mut view = |camera: &CameraModel, X: &Pose| seen(camera, X, &mut random);
     const TRIALS: u32 = 60;
     let (mut chi_square, mut rms) = (0.0, 0.0);
     for trial in 0..TRIALS {
@@ -102,17 +105,7 @@ fn one_camera_is_no_pair() {
     let in_image =
         |X: &Pose| (0..54).all(|id| one.project(&(X * corner(id))).is_some_and(|px| one.contains(&px, 2.0)));
     let poses = poses(10, in_image, &mut random);
-    let mut taken = || -> Vec<BoardView> {
-        let mut view = |X: &Pose| -> BoardView {
-            let mut point = |id: u32| {
-                let noise = Vector2::new(random.gaussian(), random.gaussian()) * NOISE_PX;
-                let px = one.project(&(X * corner(id))).unwrap() + noise;
-                BoardPoint { id, p_O: corner(id), px, covariance_px2: Matrix2::zeros() }
-            };
-            (0..54).map(&mut point).collect()
-        };
-        poses.iter().map(&mut view).collect()
-    };
+    let mut taken = || -> Vec<BoardView> { poses.iter().map(|X| seen(&one, X, &mut random)).collect() };
     let (first, again) = (taken(), taken());
     for second in [&first, &again] {
         let sizes = ((640, 480), (640, 480));
@@ -132,14 +125,7 @@ fn images_in_another_order_are_told() {
     };
     let mut random = Random::new(77);
     let poses = poses(12, |X| sees(&left, X) && sees(&right, &(X_RL * X)), &mut random);
-    let mut view = |camera: &CameraModel, X: &Pose| -> BoardView {
-        let mut point = |id: u32| {
-            let noise = Vector2::new(random.gaussian(), random.gaussian()) * NOISE_PX;
-            let px = camera.project(&(X * corner(id))).unwrap() + noise;
-            BoardPoint { id, p_O: corner(id), px, covariance_px2: Matrix2::zeros() }
-        };
-        (0..54).map(&mut point).collect()
-    };
+    let mut view = |camera: &CameraModel, X: &Pose| seen(camera, X, &mut random);
     let lefts: Vec<_> = poses.iter().map(|X| view(&left, X)).collect();
     let mut rights: Vec<_> = poses.iter().map(|X| view(&right, &(X_RL * X))).collect();
     let calibrated = |rights: &[BoardView]| {
