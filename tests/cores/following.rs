@@ -216,3 +216,22 @@ fn a_run_that_stays_behind_its_object_is_told_what_is_left() {
         assert_eq!(told.contains("the arm follows the object"), moves, "{told}");
     }
 }
+
+/// Arms that begin to move with their first view, beside a conveyor that nobody told of: for a moment the image looks like that of a camera that is mounted turned by half a turn.
+#[test]
+fn an_untold_conveyor_at_the_start_is_no_wrong_mount() {
+    for file in ["default", "ur5"] {
+        for (speed_m_s, angle) in [(0.05, 120.0), (0.05, 0.0), (0.03, 60.0), (0.08, 240.0_f64)] {
+            let (y, x) = angle.to_radians().sin_cos();
+            let set = [
+                "scene.motion.kind=conveyor".to_owned(),
+                format!("scene.motion.velocity_m_s=[{:.4}, {:.4}, 0.0]", speed_m_s * x, speed_m_s * y),
+                "run.duration_s=3".into(),
+            ];
+            let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("config/{file}.toml"));
+            let config = Config::load(Some(&path), &set).unwrap();
+            let run = simulate_system(&config, &mut |_| Continue(())).unwrap();
+            assert_ne!(run.finish.outcome, Outcome::Fault, "{file} {speed_m_s} {angle}: {:?}", run.finish);
+        }
+    }
+}

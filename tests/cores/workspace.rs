@@ -10,6 +10,7 @@ use vservo::config::{Config, assemble};
 use vservo::control::lifecycle::{Refusal, Request};
 use vservo::control::outcome::Outcome;
 use vservo::control::safety::Fault;
+use vservo::control::trace::Event;
 use vservo::linalg::Random;
 use vservo::messages::{CommandForm, ControlCommand, ControlState};
 use vservo::robot::{Mount, Robot};
@@ -374,4 +375,29 @@ fn an_arm_that_is_told_to_fold_keeps_off_itself() {
     assert!((-1e-3..0.03).contains(&near) && refused > 0, "{near} m, {moved} moved, {refused} refused");
     let (near, moved, refused) = nearest("workspace.self_collision=false");
     assert!(near < -0.02 && (moved, refused) == (12, 0), "{near} m, {moved} moved, {refused} refused");
+}
+
+/// A plane beside the way to the goal: at it the target is out of view, and going back brings the arm there again. Three times, and then it holds and says so.
+#[test]
+fn an_arm_that_loses_its_view_at_a_plane_holds_in_the_end() {
+    let plane =
+        "workspace.planes=[{ name = \"wall\", point_m = [0.40, 0.0, 0.0], normal = [-1.0, 0.0, 0.0] }]";
+    let config = config("ur5.toml", &[plane, "run.duration_s=10"]);
+    let (mut events, mut late) = (Vec::new(), None);
+    simulate_system(&config, &mut |moment| {
+        if let Moment::Tick(trace, _) = moment {
+            events.extend(trace.events.iter());
+            if trace.joint_state.tick == 9000 {
+                late = Some((trace.state, trace.joint_state));
+            }
+        }
+        ControlFlow::Continue(())
+    })
+    .unwrap();
+    let count = |what: Event| events.iter().filter(|event| **event == what).count();
+    let told = (count(Event::Holding), count(Event::Returning), count(Event::LostAgain));
+    assert_eq!(told, (3, 2, 1), "{events:?}");
+    let (state, arm) = late.unwrap();
+    assert_eq!(state, ControlState::Holding);
+    assert!(arm.qd.iter().all(|qd| qd.abs() < 1e-3), "{:?}", arm.qd);
 }

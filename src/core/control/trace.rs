@@ -221,6 +221,8 @@ pub enum Event {
     NeverSeen,
     /// The arm looks around for its target.
     Searching,
+    /// The view was lost where it was lost before, again and again: the arm holds.
+    LostAgain,
 }
 
 impl Event {
@@ -251,6 +253,7 @@ impl Event {
             Self::RobotNotCleared => "robot_not_cleared",
             Self::NeverSeen => "never_seen",
             Self::Searching => "searching",
+            Self::LostAgain => "lost_again",
         }
     }
 }

@@ -215,6 +215,9 @@ pub fn describe(event: Event) -> String {
         Event::GoalLeft => "the goal that was reached is not met any more",
         Event::Returning => "the arm goes back to where it saw the whole target last",
         Event::Searching => "the arm looks around for its target, slowly",
+        Event::LostAgain => {
+            "the target is lost for the third time where it was lost before: the arm holds. Something stands in the way of the view or of the arm there, such as a plane of [workspace], a limit or an obstacle"
+        }
         Event::NeverSeen => {
             "the target of the goal is not in view and was never seen whole in this run: bring the arm to where it is, by `vservo ctl goto`, `goto` of a program or [postures]"
         }

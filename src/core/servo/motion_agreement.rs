@@ -10,7 +10,7 @@
 //! The same of an image in which left and right, or above and below, are exchanged: there `R` is a reflection.
 //! Where one of the latter is seen and the former is not, whatever the depth is, the mount is wrong. Errors of lens and stamps look like none of them, nor does an object that moves: where the
 //! features moved while the arm stood, the believed camera may explain the image with that motion going on, too. An object that goes twice as fast as the arm that follows it would look like a camera
-//! that is turned by 180 degrees otherwise.
+//! that is turned by 180 degrees otherwise. Where an arm began to move with its first view nothing is known of that: it pauses then, and what moves before a camera that stands is the object.
 
 use super::{SetPoint, View};
 use crate::geometry::Pose;
@@ -32,6 +32,10 @@ const STANDS_FOR: SpanNs = SpanNs(50_000_000);
 /// mount is judged: an object that goes twice as fast as the first motion looks like a camera that is turned by 180 degrees for as long as both last. Chosen by hand.
 const STILL_M: f64 = 1e-4;
 const STILL: f64 = 2e-4;
+/// For how long two views before an arm that pauses must show the same image until its mount is wrong, and the longest pause, after which it is, too. Derived: an object that looks like a wrong mount is about
+/// as fast as the first motion, and is displaced by [`JUDGED`] in a fifth of the former at 0.4 m; the latter leaves a camera at 5 Hz two views after an arm that brakes for 0.4 s.
+const PAUSED_FOR: SpanNs = SpanNs(100_000_000);
+const LONGEST_PAUSE: SpanNs = SpanNs(1_000_000_000);
 /// Displacement from which on it is judged no more, in units of [`JUDGED`]. Chosen by hand: by then a contradiction was seen in several frames.
 const GIVEN_UP: f64 = 64.0;
 /// Turns that are tried, in a whole one. Chosen by hand: 5 degrees beside the true turn leave 0.8 % of the displacement's square.
@@ -89,9 +93,23 @@ struct Standing {
     next: Sighting,
 }
 
+/// An arm that waits to see whether the object moves by itself.
+#[derive(Debug, Clone, Copy)]
+struct Pause {
+    /// How the mount is wrong otherwise.
+    error: MountError,
+    /// The exposure of the view after which it pauses.
+    since: MonoNs,
+    /// The first view from where the arm stands.
+    first: Option<Sighting>,
+}
+
 /// Compares the first motion of the image with that of the arm.
 #[derive(Debug, Clone, Default)]
 pub(super) struct MotionAgreement {
+    /// Whether the arm stands while it is to ([`Self::pauses`]).
+    may_pause: bool,
+    pause: Option<Pause>,
     /// Whether the law moves the arm.
     moves: bool,
     standing: Option<Standing>,
@@ -101,6 +119,16 @@ pub(super) struct MotionAgreement {
 }
 
 impl MotionAgreement {
+    /// A comparison for an arm that `may_pause`: one whose law gives velocities.
+    pub(super) fn new(may_pause: bool) -> Self {
+        Self { may_pause, ..Self::default() }
+    }
+
+    /// Whether the arm is to stand, so that the motion of the object is seen.
+    pub(super) fn pauses(&self) -> bool {
+        self.pause.is_some()
+    }
+
     /// The law moves the arm from now on.
     pub(super) fn begin(&mut self) {
         self.moves = true;
@@ -112,6 +140,7 @@ impl MotionAgreement {
             return false;
         }
         (self.moves, self.suspicion, self.judgement) = (false, None, MountJudgement::Open);
+        self.pause = None;
         true
     }
 
@@ -121,6 +150,12 @@ impl MotionAgreement {
             return;
         }
         let now = Sighting { exposure, view: *view, X_WC: *X_WC };
+        if let Some(pause) = &mut self.pause {
+            if let Some(judgement) = pause.judge(now, set_point) {
+                (self.judgement, self.pause) = (judgement, None);
+            }
+            return;
+        }
         let standing = match &mut self.standing {
             Some(standing) if self.moves => *standing,
             standing => {
@@ -178,7 +213,11 @@ impl MotionAgreement {
         match (self.suspicion, seen_now) {
             (Some((before, at)), Some(error)) if before == error => {
                 if moved >= GROWN * at {
-                    self.judgement = MountJudgement::Wrong(error);
+                    if self.may_pause && standing.shows_no_motion() {
+                        self.pause = Some(Pause { error, since: exposure, first: None });
+                    } else {
+                        self.judgement = MountJudgement::Wrong(error);
+                    }
                     return;
                 }
             }
@@ -212,6 +251,25 @@ impl MotionAgreement {
     }
 }
 
+impl Pause {
+    /// Takes in a view of an arm that pauses, and judges when it is known whether the object moves.
+    fn judge(&mut self, now: Sighting, set_point: &SetPoint) -> Option<MountJudgement> {
+        let is_wrong = Some(MountJudgement::Wrong(self.error));
+        if now.exposure - self.since > LONGEST_PAUSE {
+            return is_wrong;
+        }
+        let Some(first) = self.first.filter(|first| is_still(&now.X_WC.inv_mul(&first.X_WC))) else {
+            self.first = Some(now);
+            return None;
+        };
+        let motion = feature_motion(&first.view, &Pose::identity(), &now.view, set_point)?;
+        if motion.seen > JUDGED {
+            return Some(MountJudgement::GivenUp);
+        }
+        is_wrong.filter(|_| now.exposure - first.exposure >= PAUSED_FOR)
+    }
+}
+
 impl Standing {
     /// Takes in a view before the arm moves.
     fn note(standing: &mut Option<Standing>, now: Sighting) {
@@ -224,6 +282,11 @@ impl Standing {
             }
             Some(standing) => Standing { last: now, ..standing },
         });
+    }
+
+    /// Whether there is but one view, so that nothing is known of the object's motion.
+    fn shows_no_motion(&self) -> bool {
+        self.last.exposure == self.before.exposure
     }
 
     /// The motion of the object that was seen in the last two views, if it goes on until `exposure`; `None` where the camera moved between them, and where there are no two.

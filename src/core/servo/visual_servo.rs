@@ -116,6 +116,7 @@ impl<const N: usize> VisualServo<N> {
         let object = settings.object.map(ObjectMotion::new);
         let points = goal.points().len();
         let learner = settings.estimation.map(|of| Box::new(JacobianLearner::new(of, points)));
+        let agreement = MotionAgreement::new(!settings.law.is_torque());
         Self {
             settings,
             goal,
@@ -132,7 +133,7 @@ impl<const N: usize> VisualServo<N> {
             follows_path: true,
             path_began: None,
             drift: None,
-            agreement: MotionAgreement::default(),
+            agreement,
             first_motion: FirstMotion::default(),
             gain_share: 1.0,
             learner,
@@ -335,12 +336,15 @@ impl<const N: usize> VisualServo<N> {
     }
 
     /// The share of the joint velocity `qd` (rad/s or m/s), 0 to 1, with which the first motion of a camera at `X_WC` with the Jacobian `J` is slow enough
-    /// ([`ServoSettings::first_motion_m_s`]). 1 where the object moves or the Jacobian is learnt, since then nothing is known of how the image should move.
+    /// ([`ServoSettings::first_motion_m_s`]). 0 while it waits to see whether the object moves; 1 where the object moves or the Jacobian is learnt, since then nothing is known of how the image should move.
     pub fn first_motion_share(
         &mut self,
         qd: &SVector<f64, N>,
         (X_WC, J): (&Pose, &CameraJacobian<N>),
     ) -> f64 {
+        if self.agreement.pauses() {
+            return 0.0;
+        }
         let foretold = self.object.is_none() && self.learner.is_none();
         match self.settings.first_motion_m_s.filter(|_| foretold) {
             Some(speed) => self.first_motion.share(qd, (X_WC, J), speed, self.agreement.is_judged()),

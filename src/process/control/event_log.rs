@@ -18,6 +18,7 @@ pub(super) fn log<const N: usize>(trace: &Trace, mission: &Mission<N>) {
             Event::Holding
             | Event::Returning
             | Event::Searching
+            | Event::LostAgain
             | Event::GoalLeft
             | Event::StartsElsewhere => {
                 warn!(event = word, state, goal, feature_error_px = error_px, time_s, tick, "{what}");

@@ -83,7 +83,7 @@ pub struct Controller<const N: usize> {
     mode: CommandMode,
     reference: Reference<N>,
     state: State,
-    returning: ReturnWatch,
+    returning: ReturnWatch<N>,
     fault: Option<Fault>,
     /// A fault from outside that the next step takes in.
     failure: Option<Fault>,

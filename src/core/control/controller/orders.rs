@@ -99,6 +99,7 @@ impl<const N: usize> Controller<N> {
             self.behaviour.forget_target();
         }
         self.servo.set_goal(goal);
+        self.returning.forget_losses();
         self.cue(Cue::Taught);
     }
 

@@ -21,9 +21,38 @@ const LOOKED_FOR: SpanNs = SpanNs(500_000_000);
 /// Distance from the end of the way back, rad or m, from which on the arm may look around as well. Chosen by hand: half a metre before the target it is 25 mm.
 const NEAR: f64 = 0.05;
 
+/// How near to each other, rad or m, two postures at which the target was lost count as the same. Chosen by hand: a plane of [workspace] stops an arm at the same place to a millirad, and a hand
+/// that passes takes the view wherever the arm is on its way.
+const SAME_PLACE: f64 = 0.1;
+/// Losses of the view at one place, each soon after the one before, after which the arm holds. Chosen by hand: chance takes the view at one place twice.
+const MOST_LOSSES: u8 = 3;
+
+/// Losses of the view in a row at one place: what stands in the way there is no chance, and going back brings the arm there again.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct LossCount<const N: usize> {
+    /// Where and when the last one was.
+    last: Option<(SVector<f64, N>, MonoNs)>,
+    count: u8,
+}
+
+impl<const N: usize> LossCount<N> {
+    /// The same count after a loss at `q`, rad or m.
+    fn after(self, q: SVector<f64, N>, now: MonoNs) -> Self {
+        let is_again =
+            self.last.is_some_and(|(at, when)| (q - at).amax() < SAME_PLACE && now - when < LONGEST);
+        Self { last: Some((q, now)), count: if is_again { self.count.saturating_add(1) } else { 1 } }
+    }
+
+    fn is_for_ever(&self) -> bool {
+        self.count >= MOST_LOSSES
+    }
+}
+
 /// What is known of the way back.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct ReturnWatch {
+pub(super) struct ReturnWatch<const N: usize> {
+    /// The losses of the view before this one, and this one.
+    losses: LossCount<N>,
     /// Whether the arm has already returned after this loss of the view.
     has_returned: bool,
     /// Since when it is on its way back.
@@ -40,9 +69,14 @@ pub(super) struct ReturnWatch {
     told: bool,
 }
 
-impl ReturnWatch {
+impl<const N: usize> ReturnWatch<N> {
     pub(super) fn note(&mut self, m: &Measurement) {
         self.elsewhere = is_elsewhere(m.target_status());
+    }
+
+    /// A new goal has other losses.
+    pub(super) fn forget_losses(&mut self) {
+        self.losses = LossCount::default();
     }
 
     pub(super) fn is_searching(&self) -> bool {
@@ -65,7 +99,13 @@ impl<const N: usize> Controller<N> {
         let ongoing = r.search.filter(|search| sees && is_away(self.state) && search.goes_on(now));
         let ends = r.search.is_some() && ongoing.is_none();
         // Only one return for each loss of the view: noise about the end of the way back must not start another one. After a search the arm goes back once more.
-        let goes = left.is_some() && (ends || !r.has_returned) && !is_late && may_leave;
+        let is_new = self.state == State::Holding && before == State::Servoing;
+        let losses = if is_new { r.losses.after(self.reference.state().q, now) } else { r.losses };
+        let is_for_ever = losses.is_for_ever() && is_away(self.state);
+        if is_new && is_for_ever && left.is_some() {
+            self.events.push(Event::LostAgain);
+        }
+        let goes = left.is_some() && (ends || !r.has_returned) && !is_late && may_leave && !is_for_ever;
         // Not from where a way back was given up.
         let is_near = left.is_none_or(|left| left < NEAR);
         let search = ongoing.or_else(|| self.search_begins(now, sees && is_near));
@@ -84,6 +124,7 @@ impl<const N: usize> Controller<N> {
             _ => {}
         }
         self.returning = ReturnWatch {
+            losses,
             has_returned: holds && (r.has_returned || before == State::Returning),
             since: returns.then(|| r.since.filter(|_| !ends).unwrap_or(now)),
             lost_since: is_away(self.state).then(|| r.lost_since.unwrap_or(now)),

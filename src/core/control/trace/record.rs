@@ -99,7 +99,7 @@ pub fn event_words(events: u32) -> impl Iterator<Item = &'static str> {
 }
 
 /// [`Event::as_str`] by [`event_number`].
-const EVENT_WORDS: [&str; 23] = [
+const EVENT_WORDS: [&str; 24] = [
     "holding",
     "resumed",
     "stopping",
@@ -123,6 +123,7 @@ const EVENT_WORDS: [&str; 23] = [
     "velocity_ended",
     "never_seen",
     "searching",
+    "lost_again",
 ];
 
 fn event_number(event: Event) -> u32 {
@@ -150,6 +151,7 @@ fn event_number(event: Event) -> u32 {
         Event::VelocityEnded => 20,
         Event::NeverSeen => 21,
         Event::Searching => 22,
+        Event::LostAgain => 23,
     }
 }
 
@@ -185,6 +187,7 @@ mod tests {
             VelocityEnded,
             NeverSeen,
             Searching,
+            LostAgain,
         ];
         for event in all {
             let words: Vec<_> = event_words(1 << event_number(event)).collect();

@@ -257,3 +257,38 @@ fn a_wrong_mount_is_told_before_an_object_that_had_moved() {
     }
     assert_eq!(agreement.error(), Some(MountError::Turned(2)));
 }
+
+/// Without a view before its motion an arm that may pause stands until it is seen what moves: an object that goes twice as fast as the arm, or the image by a mount that is turned. One that never stands is
+/// believed to be seen by a wrong mount after a second.
+#[test]
+fn an_arm_that_pauses_tells_an_object_from_a_mount() {
+    let points = POINTS.map(|(x, y)| Point3::new(x, y, 0.0));
+    let goal = Pose::new([-0.05, -0.05, 0.4].into(), [0.0; 3].into());
+    let set_point = SetPoint::from_pose(&goal, &points).unwrap();
+    let turned = Some(MountError::Turned(2));
+    for (object_m_s, turn, obeys, told) in
+        [(0.06, 0.0, true, None), (0.0, TAU / 2.0, true, turned), (0.06, 0.0, false, turned)]
+    {
+        for (rate_hz, lag_s) in [(25, 0.03), (5, 0.1), (100, 0.1)] {
+            let mut agreement = MotionAgreement::new(true);
+            agreement.begin();
+            let (h, mut at_m, mut speed, mut paused) = (1.0 / f64::from(rate_hz), 0.0, 0.03, 0);
+            for k in 0..2 * rate_hz {
+                let t = f64::from(k) * h;
+                let camera = Pose::new(Vector3::x() * at_m, Vector3::zeros());
+                let object = Pose::new(Vector3::x() * (object_m_s * t), Vector3::zeros()) * goal;
+                let time = MonoNs(1_000_000_000 + i64::from(k) * 1_000_000_000 / i64::from(rate_hz));
+                let seen = perfect_measurement(&points, &camera.inv_mul(&object), time).unwrap();
+                let believed = camera * Pose::new(Vector3::zeros(), Vector3::z() * turn);
+                agreement.note(time, &View::of(&seen, &set_point).unwrap(), &believed, &set_point);
+                let wanted = if agreement.pauses() && obeys { 0.0 } else { 0.03 };
+                paused += i32::from(agreement.pauses());
+                speed = wanted + (speed - wanted) * (-h / lag_s).exp();
+                speed = if speed < 1e-4 { 0.0 } else { speed };
+                at_m += speed * h;
+            }
+            let what = (agreement.is_judged(), agreement.error(), paused > 0, agreement.pauses());
+            assert_eq!(what, (true, told, true, false), "{object_m_s} m/s, {rate_hz} Hz");
+        }
+    }
+}
