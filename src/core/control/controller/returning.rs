@@ -45,6 +45,11 @@ impl ReturnWatch {
         self.elsewhere = is_elsewhere(m.target_status());
     }
 
+    /// What was lost and looked for so far was another target.
+    pub(super) fn forget_target(&mut self) {
+        *self = Self { told: self.told, ..Self::default() };
+    }
+
     pub(super) fn is_searching(&self) -> bool {
         self.search.is_some()
     }
