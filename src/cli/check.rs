@@ -108,6 +108,7 @@ pub(super) fn warn_of_preflight(draft: &Draft, config: &Config, refuses: bool) -
             .for_each(|(_, message)| message.push_str(" (`vservo run --anyway` runs all the same)"));
         return Err(draft.error(faults).into());
     }
+    faults.extend(preflight.covered.map(|message| ("scene", message)));
     for problem in draft.problems_of(faults) {
         tell(format_args!("vservo: warning: {}", printable(&problem.to_string())));
     }

@@ -1,15 +1,15 @@
 //! `vservo pose`: the pose of an object from the image of its points, Sect. 10.3, by each of the chapter's ways, with all solutions.
 
-mod points;
+pub(super) mod points;
 mod solve;
 
 use super::detect::{calibration, refused};
 use super::{PoseArguments, PoseMethod, json, shown};
 use crate::calibration::hand_eye::{camera_in_base, camera_in_effector};
-use crate::geometry::Pose;
+use crate::geometry::{Pose, unit_quaternion};
 use crate::pose::{chained_covariance, object_in_base, object_in_effector};
 use crate::process::ProcessError;
-use nalgebra::{Matrix6, Quaternion, Translation3, UnitQuaternion};
+use nalgebra::{Matrix6, Translation3};
 use points::Points;
 use serde::Serialize;
 use solve::Solution;
@@ -133,7 +133,10 @@ pub(super) fn pose_of(text: &str) -> Result<Pose, String> {
     let problem =
         || format!("`{text}` is no pose: seven numbers x,y,z,qx,qy,qz,qw are expected (m, and a quaternion)");
     let [x, y, z, qx, qy, qz, qw] = <[f64; 7]>::try_from(numbers).map_err(|_| problem())?;
-    let rotation = UnitQuaternion::try_new(Quaternion::new(qw, qx, qy, qz), 1e-6).ok_or_else(problem)?;
+    let rotation = unit_quaternion([qx, qy, qz, qw]).ok_or_else(|| {
+        let norm = [qx, qy, qz, qw].iter().map(|q| q * q).sum::<f64>().sqrt();
+        format!("`{text}` is no pose: the quaternion qx,qy,qz,qw has length {norm:.4}, and that of a rotation has 1; the real part stands last")
+    })?;
     let pose = Pose::from_parts(Translation3::new(x, y, z), rotation);
     pose.to_homogeneous().iter().all(|v| v.is_finite()).then_some(pose).ok_or_else(problem)
 }
@@ -261,4 +264,17 @@ fn told(answer: &PoseAnswer) -> String {
         }
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_quaternion_of_another_length_is_no_pose() {
+        let told = |q: &str| pose_of(&format!("0.1,0.2,0.3,{q}"));
+        assert_eq!(told("0,0,0.707,0.707").map(|X| X.translation.vector.x), Ok(0.1), "three decimals");
+        assert!(told("0,0,0,2").unwrap_err().contains("has length 2.0000"));
+        assert!(told("0,0,0,0").is_err() && told("0,0,0,inf").is_err() && told("0,0,1").is_err());
+    }
 }

@@ -67,4 +67,5 @@ mod turned_camera;
 mod uncalibrated;
 mod untold_friction;
 mod untold_rotors;
+mod untrue_events;
 mod workspace;

@@ -1,4 +1,4 @@
-//! Scheme D with three points: from up to four poses they look the same, and a run that ends in another one than the goal says so.
+//! Scheme D with three points: from up to four poses they look the same, and a run that ends in another one than the goal says so; with two, from ever so many.
 
 #![allow(non_snake_case)]
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
@@ -72,4 +72,25 @@ fn the_check_warns_of_three_points_alone() {
     let warnings = |config: Config| config.warnings.iter().map(ToString::to_string).collect::<String>();
     assert!(warnings(config(&[])).contains("up to four poses"));
     assert!(!warnings(config(&["servo.points=[1, 2, 3, 4]".to_owned()])).contains("up to four poses"));
+}
+
+#[test]
+fn an_end_that_too_few_points_leave_open_blames_them() {
+    let run = simulate_system(&config(&["servo.points=[1, 2]".into()]), &mut |_| ControlFlow::Continue(()))
+        .unwrap();
+    assert_eq!(run.finish.outcome, Outcome::NotConverged, "{run:?}");
+    let reason = run.finish.reason;
+    assert!(reason.contains("servo.points") && !reason.contains("camera.lens"), "{reason}");
+}
+
+#[test]
+fn a_feature_that_is_named_twice_is_refused() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/ur5.toml");
+    for (set, key) in [
+        ("servo.points=[1, 2, 3, 1]", "servo.points[3]: names 1 more than once"),
+        ("servo.segments=[[1, 2], [3, 4], [2, 1]]", "servo.segments[2]: names [1, 2] more than once"),
+    ] {
+        let told = Config::load(Some(&path), &[set.into()]).unwrap_err().to_string();
+        assert!(told.contains(key) && told.contains("servo.weights"), "{told}");
+    }
 }

@@ -44,7 +44,8 @@ pub(super) fn board(arguments: &BoardArguments) -> Result<Chessboard, CalibrateE
             "--distance-m: {depth_m} m; give a depth from 0.001 to 1000000 m"
         )));
     }
-    let kind: Kind = word.parse().map_err(|e| CalibrateError::usage(format!("--target: {e}")))?;
+    // The side of a square is judged below, in words of its own.
+    let kind = Kind::of_any_size(word).map_err(|e| CalibrateError::usage(format!("--target: {e}")))?;
     match kind.target {
         Target::Chessboard(board) => {
             believable_square(&board)?;

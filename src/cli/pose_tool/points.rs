@@ -13,6 +13,40 @@ const LARGEST: u64 = 16 << 20;
 /// only scales them.
 const STAND_IN_F_PX: f64 = 1000.0;
 
+/// Bound of normalized coordinates. Derived: they are tangents, and those of a camera that sees farther to the side than 89 degrees are beyond 57.
+const MAX_NORMALIZED: f64 = 57.0;
+
+/// Normalized coordinates, in columns of the names `columns`.
+///
+/// # Errors
+/// Where one of them is none.
+pub(in crate::cli) fn normalized(
+    seen: Vector2<f64>,
+    columns: [&str; 2],
+    line: usize,
+) -> Result<Vector2<f64>, String> {
+    match columns.iter().zip(seen.iter()).find(|(_, value)| value.abs() > MAX_NORMALIZED) {
+        None => Ok(seen),
+        Some((column, value)) => Err(format!(
+            "line {line}: `{column}` is {value}: normalized coordinates are x / z and y / z, within {MAX_NORMALIZED}; pixels stand in columns whose names end in _px"
+        )),
+    }
+}
+
+/// A pixel of `camera`.
+///
+/// # Errors
+/// Where it lies outside of the image.
+fn within_image(px: Vector2<f64>, camera: &CameraModel, line: usize) -> Result<Vector2<f64>, String> {
+    let i = camera.intrinsics();
+    camera.contains(&px, 0.0).then_some(px).ok_or_else(|| {
+        format!(
+            "line {line}: ({}, {}) px lies outside of the image of {} x {} px that --camera has: are they of the same camera, in the same resolution?",
+            px.x, px.y, i.width_px, i.height_px
+        )
+    })
+}
+
 /// Points of an object and where they are seen.
 pub(super) struct Points {
     pub(super) camera: CameraModel,
@@ -67,7 +101,11 @@ impl Points {
                 return Err(format!("line {}: a standard deviation is greater than 0", row + 2));
             }
             points.stated &= deviation.is_some();
-            let px = if unit == 1.0 { seen } else { points.camera.pixel_of(&seen) };
+            let px = if unit == 1.0 {
+                within_image(seen, &points.camera, row + 2)?
+            } else {
+                points.camera.pixel_of(&normalized(seen, [u, v], row + 2)?)
+            };
             let sd_px = deviation.map_or(1.0, |sd| sd / unit);
             points.pixels.push(PixelCorrespondence {
                 r: Point3::new(number("x_m")?, number("y_m")?, z),
@@ -118,6 +156,20 @@ mod tests {
         assert!(refusal("x_m,y_m,u_px,v_px,X,Y\n").contains("exclude"));
         assert!(refusal("x_m,y_m,X,Y\n0,0,1,1\n0,zero,1,1\n").contains("line 3: `y_m`"));
         assert!(refusal("x_m,y_m,X,Y,sd\n0,0,1,1,0\n").contains("greater than 0"));
+        let pixels = refusal("x_m,y_m,X,Y\n0,0,1,1\n0,0,0.5,312.5\n");
+        assert!(pixels.contains("line 3: `Y` is 312.5") && pixels.contains("_px"), "{pixels}");
+    }
+
+    #[test]
+    fn a_point_outside_of_the_cameras_image_is_refused() {
+        let told =
+            |u: f64| Points::parse(&format!("x_m,y_m,u_px,v_px\n0,0,{u},9\n"), stand_in().ok(), None).err();
+        assert_eq!((told(1000.4), told(-0.4)), (None, None));
+        let outside = told(1280.0).unwrap();
+        assert!(
+            outside.contains("line 2: (1280, 9) px lies outside") && outside.contains("1001 x 1001"),
+            "{outside}"
+        );
     }
 
     #[test]

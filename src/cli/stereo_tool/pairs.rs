@@ -3,6 +3,7 @@
 use crate::camera_model::CameraModel;
 use crate::camera_model::camera_info::PairInfo;
 use crate::cli::detect::calibration;
+use crate::cli::pose_tool::points::normalized;
 use crate::geometry::Pose;
 use crate::input::file;
 use crate::report::csv_table::CsvTable;
@@ -84,7 +85,13 @@ impl PairFile {
             }
             let id = table.number("id", row);
             ids.push(if id >= 0.0 { id as u64 } else { row as u64 });
-            pairs.push(Conjugates { s_1: Vector2::new(a, b), s_2: Vector2::new(c, d) });
+            let (s_1, s_2) = (Vector2::new(a, b), Vector2::new(c, d));
+            if !in_px {
+                let [x_1, y_1, x_2, y_2] = columns;
+                normalized(s_1, [x_1, y_1], row + 2)?;
+                normalized(s_2, [x_2, y_2], row + 2)?;
+            }
+            pairs.push(Conjugates { s_1, s_2 });
         }
         Ok(Self { ids, pairs, in_px })
     }
@@ -120,6 +127,8 @@ mod tests {
         let file = PairFile::parse("X1,Y1,X2,Y2\n0,0.5,0.25,1\n1,1,1,1\n").unwrap();
         assert!(!file.in_px && file.ids == [0, 1] && file.normalized(None).unwrap() == file.pairs);
         assert!(PairFile::parse("X1,Y1,X2\n").is_err());
+        let pixels = PairFile::parse("X1,Y1,X2,Y2\n0,0.5,0.25,1\n1,1,310,240\n").err().unwrap();
+        assert!(pixels.contains("line 3: `X2` is 310") && pixels.contains("_px"), "{pixels}");
         assert!(PairFile::parse("X1,Y1,X2,Y2\n0,0,x,0\n").err().unwrap().contains("line 2"));
     }
 }

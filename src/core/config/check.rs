@@ -24,6 +24,17 @@ impl<'a> Validation<'a> {
         std::mem::take(&mut self.warnings)
     }
 
+    /// Whether the run file or an argument has the key, or a part of the table.
+    pub(super) fn is_written(&self, key: &str) -> bool {
+        self.document.get(key).is_some()
+    }
+
+    /// The numbers of the list that is written at `key`.
+    pub(super) fn written_list(&self, key: &str) -> Option<Vec<f64>> {
+        let number = |value: &toml::Value| value.as_float().or(value.as_integer().map(|i| i as f64));
+        self.document.get(key)?.as_array()?.iter().map(number).collect()
+    }
+
     pub(super) fn count_problems(&self) -> usize {
         self.problems.len()
     }

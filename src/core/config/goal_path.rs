@@ -13,6 +13,27 @@ const MAX_POSES: usize = 1000;
 /// Largest turn from one pose to the next: near half a turn it is not clear which way round. Chosen.
 const MAX_TURN_DEG: f64 = 150.0;
 
+/// Angles above this, deg, are written for a turn on the way there, not for an orientation. Derived: half a turn, and what rounding to three decimals of a radian adds.
+const HALF_TURN_DEG: f64 = 180.1;
+
+/// What the numbers of a pose say of a turn that its orientation does not have: a path takes the shortest way from pose to pose. `before_rad` and `after_rad` are
+/// roll, pitch and yaw; `vector_rad` is a rotation vector, where the later pose is written so.
+fn lost_turn(before_rad: [f64; 3], after_rad: [f64; 3], vector_rad: Option<&[f64]>) -> Option<String> {
+    let vector_deg = vector_rad.map_or(0.0, |v| v.iter().map(|x| x * x).sum::<f64>().sqrt().to_degrees());
+    if vector_deg > HALF_TURN_DEG {
+        return Some(format!("is written as a turn by {vector_deg:.0} degrees"));
+    }
+    let pairs = ["roll", "pitch", "yaw"].into_iter().zip(before_rad).zip(after_rad);
+    let mut pairs = pairs.map(|((name, before), after)| (name, before.to_degrees(), after.to_degrees()));
+    // from 170 to -170 degrees is a turn by 20
+    pairs.find_map(|(name, before, after)| {
+        let goes_round =
+            before.abs().max(after.abs()) > HALF_TURN_DEG || (after - before).abs() > 2.0 * 179.9;
+        let is_lost = (after - before).abs() > HALF_TURN_DEG && goes_round;
+        is_lost.then(|| format!("has its {name} go from {before:.0} to {after:.0} degrees"))
+    })
+}
+
 /// The path from `X_DO` on; `None` for a goal at rest, or where something is wrong.
 pub(super) fn path(raw: &RawConfig, X_DO: &Pose, check: &mut Validation<'_>) -> Option<GoalPath> {
     let RawServo { path, scheme, update, set_point, .. } = &raw.servo;
@@ -47,6 +68,7 @@ pub(super) fn path(raw: &RawConfig, X_DO: &Pose, check: &mut Validation<'_>) -> 
         return None;
     }
     let mut poses = vec![(0.0, *X_DO)];
+    let mut rpy_before = raw.servo.desired.rotation_rpy_rad;
     for (i, pose) in path.poses.iter().enumerate() {
         let key = format!("servo.path.poses[{i}]");
         let t_s = check.range(&format!("{key}.t_s"), pose.t_s, TIME_S);
@@ -64,7 +86,17 @@ pub(super) fn path(raw: &RawConfig, X_DO: &Pose, check: &mut Validation<'_>) -> 
                 "turns by {turn_deg:.0} degrees from the pose before it: above {MAX_TURN_DEG} it is not clear which way round; put a pose between"
             );
             check.wrong(&key, message);
+        } else {
+            let vector = check.written_list(&format!("{key}.rotation_vector_rad"));
+            if let Some(what) = lost_turn(rpy_before, pose.rotation_rpy_rad, vector.as_deref()) {
+                let message = format!(
+                    "{what}, and a path takes the shortest way from pose to pose, which is a turn by {turn_deg:.0} degrees: put poses between, each less than \
+                     {MAX_TURN_DEG} degrees from the one before it; where the short way is meant, write the angles of that"
+                );
+                check.wrong(&key, message);
+            }
         }
+        rpy_before = pose.rotation_rpy_rad;
         poses.push((if is_time { t_s } else { before_s }, X));
     }
     let end_s = poses.last().map_or(0.0, |(t_s, _)| *t_s);
@@ -80,6 +112,7 @@ pub(super) fn path(raw: &RawConfig, X_DO: &Pose, check: &mut Validation<'_>) -> 
 
 #[cfg(test)]
 mod tests {
+    use super::lost_turn;
     use crate::config::{Config, ConfigError};
 
     fn load(file: &str, set: &[&str]) -> Result<Config, ConfigError> {
@@ -105,6 +138,23 @@ mod tests {
                 "servo.path.poses[0]",
                 "170 degrees",
                 poses(&format!("{{ t_s = 2, {there}, rotation_rpy_deg = [0, 0, 170] }}")),
+            ),
+            (
+                "servo.path.poses[0]",
+                "yaw go from 0 to 360 degrees",
+                poses(&format!("{{ t_s = 2, {there}, rotation_rpy_deg = [0, 0, 360] }}")),
+            ),
+            (
+                "servo.path.poses[1]",
+                "a turn by 90 degrees",
+                poses(&format!(
+                    "{{ t_s = 2, {there} }}, {{ t_s = 4, {there}, rotation_rpy_deg = [0, 0, 270] }}"
+                )),
+            ),
+            (
+                "servo.path.poses[0]",
+                "written as a turn by 360 degrees",
+                poses(&format!("{{ t_s = 2, {there}, rotation_vector_rad = [0, 0, 6.2832] }}")),
             ),
             (
                 "servo.path.poses[0].rotation_xyzw",
@@ -135,6 +185,40 @@ mod tests {
             let told = told(&[&one, set]);
             assert!(told.contains("servo.path: ") && told.contains(word), "{set}: {told}");
         }
+    }
+
+    #[test]
+    fn a_hold_that_no_run_is_long_enough_for_is_told() {
+        let path = "servo.path.poses=[{ t_s = 25, position_m = [-0.05, -0.05, 0.4] }]";
+        for (set, is_told) in [
+            (&["goal.hold_s=40", "run.duration_s=30"][..], true),
+            (&["goal.hold_s=6", "run.duration_s=30", path], true),
+            (&["goal.hold_s=4", "run.duration_s=30", path], false),
+            (&["goal.hold_s=40", "run.duration_s=30", "run.serve=true"], false),
+            (&["goal.hold_s=40", "run.duration_s=50"], false),
+        ] {
+            let told: Vec<_> =
+                load("ur5.toml", set).unwrap().warnings.iter().map(ToString::to_string).collect();
+            assert_eq!(told.iter().any(|told| told.contains("goal.hold_s: ")), is_told, "{set:?}: {told:?}");
+            assert!(!is_told || told[0].contains("never converge"), "{told:?}");
+        }
+    }
+
+    #[test]
+    fn a_whole_turn_by_poses_between_is_a_path() {
+        let pose = |i: i32| {
+            let (t_s, deg) = (i * 2, i * 120);
+            format!("{{ t_s = {t_s}, position_m = [0, 0, 0.55], rotation_rpy_deg = [0, 0, {deg}] }}")
+        };
+        let set = format!("servo.path.poses=[{}]", [1, 2, 3].map(pose).join(", "));
+        let path =
+            load("ur5.toml", &[&set, "servo.desired.position_m=[0, 0, 0.55]"]).unwrap().servo.path.unwrap();
+        assert_eq!(path.poses().count(), 4);
+        assert_eq!(
+            lost_turn([0.0, 0.0, 2.97], [0.0, 0.0, -2.97], None),
+            None,
+            "the short way over half a turn"
+        );
     }
 
     #[test]

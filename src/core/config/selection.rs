@@ -2,23 +2,18 @@
 
 use super::check::Validation;
 use super::raw::{AreaKind, PoseFrom, RawServo, SchemeKind};
-use crate::servo::{
-    DepthSource, FeatureKind, Interaction, InteractionAt, Law, OutlineFeature, Selection, SetPoint, View,
-    image_task,
-};
+use crate::servo::{FeatureKind, Law, OutlineFeature, Selection, SetPoint, determined_directions};
+use std::fmt::Debug;
 
-/// Directions whose square is a smaller share of the greatest one's count as not determined by the features. Chosen by hand between the rounding of
-/// squares, 2e-16, and the weakest direction of a target that is a fiftieth of its distance, which has a hundred times as much.
-const MIN_SHARE: f64 = 1e-12;
-/// Bound of the entries of an interaction matrix of features that are defined. Chosen by hand: beyond it a feature has nearly lost its meaning
-/// (the axis of a nearly round area), and squares lose the small ones.
-const MAX_SQUARE: f64 = 1e12;
 /// Weights of features. Chosen by hand, wider than any use.
 const WEIGHT: std::ops::RangeInclusive<f64> = 1e-6..=1e6;
 
 /// The selection for a target of so many `points`; `None` where it cannot be made.
 pub(super) fn selection(s: &RawServo, points: usize, check: &mut Validation<'_>) -> Option<Selection> {
     let mut kinds: Vec<FeatureKind> = Vec::new();
+    named_once("servo.points", &s.points, check);
+    let between = |[i, j]: &[usize; 2]| [*i.min(j), *i.max(j)];
+    named_once("servo.segments", &s.segments.iter().map(between).collect::<Vec<_>>(), check);
     let mut index = |key: &str, i: usize| {
         if !(1..=points).contains(&i) {
             check.wrong(key, format!("names point {i}; the target has the points 1 to {points}"));
@@ -87,6 +82,18 @@ pub(super) fn selection(s: &RawServo, points: usize, check: &mut Validation<'_>)
     Some(selection)
 }
 
+/// Reports a feature that is named more than once: it tells no more than once, and counts as a further point where points are counted.
+fn named_once<F: PartialEq + Debug>(key: &str, features: &[F], check: &mut Validation<'_>) {
+    for (i, feature) in features.iter().enumerate() {
+        if features.iter().take(i).any(|before| before == feature) {
+            let message = format!(
+                "names {feature:?} more than once, which tells nothing more of the pose: leave it out there, or give it a weight in servo.weights"
+            );
+            check.wrong(&format!("{key}[{i}]"), message);
+        }
+    }
+}
+
 fn area_feature(area: AreaKind) -> Option<OutlineFeature> {
     match area {
         AreaKind::None => None,
@@ -117,18 +124,12 @@ pub(super) fn doubtful_features(law: &Law, set_point: &SetPoint, joints: usize, 
         return;
     }
     useless_weights(law, set_point.selection(), joints.min(6), check);
-    let at_goal = View::new(set_point.features().iter().copied(), None);
-    let at_desired = Interaction { at: InteractionAt::Desired, depth: DepthSource::Desired };
-    let task = at_goal.and_then(|view| image_task(set_point, &view, at_desired));
-    let matrix = task.map(|task| task.matrix).filter(|m| m.iter().all(|x| x.abs() < MAX_SQUARE));
     let key = if set_point.selection().needs_outline() { "servo.area" } else { "servo.points" };
-    let Some(matrix) = matrix else {
+    let Some(told) = determined_directions(set_point) else {
         let none = "at the goal this area has no longest axis, so no orientation: name other points of it in servo.outline, three that \
                     are no regular figure";
         return check.doubtful(key, none);
     };
-    let squares = matrix.symmetric_eigenvalues();
-    let told = squares.iter().filter(|x| **x > MIN_SHARE * squares.max()).count();
     let needed = joints.min(6);
     if set_point.selection().points().count() == 3 && needed == 6 {
         let message = "three points look the same from up to four poses of the camera: the arm may come to rest in another one than the goal, with \

@@ -1,7 +1,9 @@
 //! `[target]`: the target. Keys and bounds of all kinds in one place.
 
 use super::check::{Validation, pose};
-use crate::target::{Chessboard, DotGrid, FourDots, Shape, TagFamily, TagPlace, Tags, Target, TargetError};
+use crate::target::{
+    Chessboard, DotGrid, FourDots, MAX_EXTENT_M, Shape, TagFamily, TagPlace, Tags, Target, TargetError,
+};
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;
@@ -243,7 +245,14 @@ pub(super) fn target(table: &str, raw: &RawTarget, check: &mut Validation<'_>) -
     if check.count_problems() > before {
         return None;
     }
-    made(table, raw, check)
+    let made = made(table, raw, check);
+    if let Some(extent_m) = made.as_ref().map(Target::extent_m).filter(|extent_m| *extent_m > MAX_EXTENT_M) {
+        let message = format!(
+            "is {extent_m:.1} m large with its plate, which hardly anything is that a camera servoes by: lengths are in m, 25 mm are 0.025"
+        );
+        check.doubtful(table, message);
+    }
+    made
 }
 
 /// The target with these lengths, which are within their ranges; a target that cannot be built is reported at `key`.

@@ -8,6 +8,7 @@ mod lens;
 mod motion;
 mod mount;
 mod names;
+mod no_effect;
 mod scene_motion;
 mod start;
 mod truth;
@@ -241,6 +242,9 @@ pub(super) fn validate(
         }
     }
 
+    doubtful_hold(&raw, check);
+    no_effect::without_effect(&raw, check);
+
     let (servo, set_point) = servo?;
     let mut servo = ServoSettings {
         X_WO: scene.iter().flat_map(|scene| scene.places().map(|(X_WO, _)| X_WO)).collect(),
@@ -298,6 +302,25 @@ pub(super) fn validate(
 fn guardian_timeout_ms(raw: &RawConfig) -> f64 {
     let missed = TICK.as_s() * 1e3 * f64::from(raw.safety.max_missed_deadlines_in_a_row);
     missed.clamp(*GUARDIAN_TIMEOUT_MS.start(), *GUARDIAN_TIMEOUT_MS.end())
+}
+
+/// Warns of a goal that must be held for longer than the run lasts: an arm that follows a path arrives with its end at the earliest.
+fn doubtful_hold(raw: &RawConfig, check: &mut Validation<'_>) {
+    let (hold_s, duration_s) = (raw.goal.hold_s, raw.run.duration_s);
+    let arrives_s = raw.servo.path.poses.last().map_or(0.0, |pose| pose.t_s);
+    let ends_by_goal = raw.run.task == Task::Servo && !raw.run.serve && raw.camera.source.closes_the_loop();
+    let has_arm = !matches!(raw.drive.kind, DriveKind::None | DriveKind::Replay);
+    if ends_by_goal && has_arm && arrives_s < duration_s && arrives_s + hold_s >= duration_s {
+        let message = format!(
+            "{hold_s} s are not over before run.duration_s, {duration_s} s{}: the run can never converge; hold the goal for less, or let the run last longer",
+            if arrives_s > 0.0 {
+                format!(", with the path that ends at {arrives_s} s")
+            } else {
+                String::new()
+            }
+        );
+        check.doubtful("goal.hold_s", message);
+    }
 }
 
 fn timing(raw: &RawConfig, camera: &Camera, check: &mut Validation<'_>) {

@@ -2,15 +2,17 @@
 
 use super::{Cause, RunEvidence, RunFinding, median};
 use crate::control::outcome::Outcome;
+use crate::report::csv_table::CsvTable;
 use crate::report::numbers::significant;
 
 /// Limits in the trace with the key of each, because the name of a limit does not tell what to change.
-const LIMITS: [(&str, &str); 5] = [
+const LIMITS: [(&str, &str); 6] = [
     ("acceleration", "motion.max_acceleration_rad_s2_or_m_s2"),
     ("jerk", "motion.max_jerk_rad_s3_or_m_s3"),
     ("velocity", "the joints' velocity limits in the robot file"),
     ("effort", "the joints' effort limits in the robot file, motion.effort_rise_ms"),
     ("position", "the joints' ranges in the robot file: start or goal elsewhere, servo.limit_avoidance_1_s"),
+    ("workspace", "[workspace]; the summary names which, safety.held_by"),
 ];
 /// A limit holds the arm back when it acts in so large a share of the ticks in which the error falls. Chosen by hand: half of a short motion is
 /// acceleration by any law.
@@ -33,9 +35,8 @@ fn errors(evidence: &RunEvidence) -> Vec<(f64, f64)> {
 }
 
 /// Shares of ticks in which each limit acted, from the first motion to the settling of the error.
-fn limited(evidence: &RunEvidence) -> Vec<(&'static str, &'static str, f64)> {
-    let trace = &evidence.trace;
-    let until = evidence.summary.settling_time_s.unwrap_or(f64::INFINITY);
+fn limited(trace: &CsvTable, settling_time_s: Option<f64>) -> Vec<(&'static str, &'static str, f64)> {
+    let until = settling_time_s.unwrap_or(f64::INFINITY);
     let rows: Vec<usize> = (0..trace.rows())
         .filter(|row| {
             let serves = ["Servoing", "servoing"].contains(&trace.word("state", *row));
@@ -62,7 +63,7 @@ pub(super) fn speed(evidence: &RunEvidence) -> String {
     };
     let settled = evidence.summary.settling_time_s;
     let settled = settled.map_or(String::new(), |s| format!("settled to 2 % after {s:.2} s; "));
-    match limited(evidence).first() {
+    match limited(&evidence.trace, evidence.summary.settling_time_s).first() {
         // Chosen by hand: below a tenth of the time a limit is no matter.
         Some((name, key, share)) if *share > 0.1 => format!(
             "{settled}the {name} limit acted in {:.0} % of the time until then ({key}){view}",
@@ -168,7 +169,8 @@ fn slow(evidence: &RunEvidence, late: &[(f64, f64)]) -> Option<RunFinding> {
         significant(e1, 3),
         t1 - t0
     );
-    let held = limited(evidence).into_iter().find(|(_, _, share)| *share > HELD_BACK);
+    let limits = limited(&evidence.trace, evidence.summary.settling_time_s);
+    let held = limits.into_iter().find(|(_, _, share)| *share > HELD_BACK);
     Some(match held {
         Some((name, key, share)) => RunFinding {
             cause: Cause::Limits,
@@ -183,4 +185,20 @@ fn slow(evidence: &RunEvidence, late: &[(f64, f64)]) -> Option<RunFinding> {
             change: "servo.gain_1_s higher, or run.duration_s longer".into(),
         },
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_limit_in_space_that_sets_the_pace_is_named() {
+        let mut text = "tick,time_s,state,limit_velocity,limit_workspace\n".to_owned();
+        for k in 0..100 {
+            text += &format!("{k},{:.3},servoing,{},63\n", f64::from(k) * 1e-3, u8::from(k < 20));
+        }
+        let limits = limited(&CsvTable::parse(&text), None);
+        assert_eq!((limits[0].0, limits[0].2), ("workspace", 1.0));
+        assert_eq!((limits[1].0, limits[1].2), ("velocity", 0.2));
+    }
 }

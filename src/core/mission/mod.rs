@@ -61,8 +61,8 @@ use goal_watch::GoalWatch;
 use nalgebra::SVector;
 use requests::MissionChange;
 use residual::{
-    AMBIGUOUS_VIEW, AT_ITS_END, BEHIND_OBJECT, NO_NEARER, OUT_OF_REACH, ResidualWatch, TOO_WEAK,
-    is_another_pose, is_at_its_end, why_it_stays,
+    AT_ITS_END, BEHIND_OBJECT, NO_NEARER, OUT_OF_REACH, ResidualWatch, TOO_WEAK, is_at_its_end, why_it_stays,
+    why_met_elsewhere,
 };
 use run_end::{HELD_OFF, LAST_FRAME, LATELY, MOTION_OVER, NO_MORE_FRAMES, RunEnd};
 use std::collections::VecDeque;
@@ -329,7 +329,8 @@ impl<const N: usize> Mission<N> {
     /// Reduces the gain for an arm that oscillates about its goal, and restores it for one that then sticks before the goal.
     fn adapt_gain(&mut self) {
         let goal_px = self.goal.tolerance_px;
-        let has_gain = !matches!(self.task, RunTask::LookAndMove(_));
+        // A motion that was planned has no goal that it could come nearer to.
+        let has_gain = matches!(self.task, RunTask::Servo);
         if self.end.decided().is_some() || !has_gain {
             return;
         }
@@ -402,20 +403,23 @@ impl<const N: usize> Mission<N> {
         let no_nearer = || self.residual.is_no_nearer(goal_px).then_some(behind);
         let seen = self.measurements.last_found();
         let met_px = (MET_SHARE * self.measurements.error_px()).max(goal_px);
-        let why =
-            |px| match seen.filter(|m| is_another_pose(&self.goal.set_point, m, &self.plan.f_px, met_px)) {
-                Some(_) => AMBIGUOUS_VIEW,
-                None => match why_it_stays(&self.plan.law, &self.goal.set_point, seen, (px, N)) {
-                    // what is seen has no explanation of its own
-                    OUT_OF_REACH | TOO_WEAK if is_at_its_end(&trace.limits) => AT_ITS_END,
-                    why => why,
-                },
-            };
+        let (law, set_point) = (&self.plan.law, &self.goal.set_point);
+        let joints = self.cell.as_ref().map_or(N, |cell| cell.mount.moving_joints(N));
+        let met = |m| why_met_elsewhere((law, set_point), m, &self.plan.f_px, (met_px, joints));
+        let why = |px| match seen.and_then(met) {
+            Some(why) => why,
+            None => match why_it_stays(law, set_point, seen, (px, N)) {
+                // what is seen has no explanation of its own
+                OUT_OF_REACH | TOO_WEAK if is_at_its_end(&trace.limits) => AT_ITS_END,
+                why => why,
+            },
+        };
         let stays = || self.residual.constant_px(goal_px).map(why).or_else(no_nearer);
         let in_view = self.measurements.last().is_some_and(Measurement::found);
         let held_off = self.held_off.filter(|at| now - *at < LATELY).map(|_| HELD_OFF);
-        let when_late =
-            held_off.or_else(|| self.task.when_late(in_view)).or_else(|| stays().filter(|_| servoing));
+        let when_late = held_off
+            .or_else(|| self.task.when_late(in_view))
+            .or_else(|| stays().filter(|_| servoing && has_goal));
         let are_old = self.measurements.are_older_than(self.plan.measurement_timeout);
         let is_held = matches!(self.state, ControlState::Holding | ControlState::Returning);
         let when_late =

@@ -11,14 +11,14 @@ use super::{BelievedCell, Mission, RunTask, vector};
 use crate::control::behaviour::CommandedMotion;
 use crate::control::lifecycle::{Refusal, Request};
 use crate::control::order::ControlOrder;
-use crate::geometry::{Pose, rotation_angle};
+use crate::geometry::{Pose, rotation_angle, unit_quaternion};
 use crate::messages::{CommandForm, ControlCommand};
 use crate::motion::Workspace;
 use crate::scene::is_front;
 use crate::servo::{PostureSearch, SetPoint};
 use crate::target::PointKind;
 use crate::time::SpanNs;
-use nalgebra::{Point3, Quaternion, SVector, Translation3, UnitQuaternion, Vector2, Vector3, Vector6};
+use nalgebra::{Point3, SVector, Translation3, UnitQuaternion, Vector2, Vector3, Vector6};
 use std::ops::RangeInclusive;
 
 /// Bounds of `servo.gain_1_s`, in a run file and in a running loop, 1/s. Chosen by hand, wider than any use, so that a slip of the unit is reported.
@@ -39,8 +39,6 @@ const VELOCITY_HOLD_S: RangeInclusive<f64> = 0.01..=1.0;
 const VELOCITY: f64 = 30.0;
 /// How far the camera may end from where a jog wants it, m and rad: more than the rounding of the search, less than anybody sees. Chosen by hand.
 const JOG_REACHED: f64 = 1e-5;
-/// How far a quaternion's norm may be from 1. Derived: three decimals are off by 5e-4 each, and four of them by up to 2e-3, as in a run file (`config/pose_forms.rs`).
-const NORM_ERROR: f64 = 2e-3;
 /// Points that must be in the image at a goal, or all where there are fewer. Derived: four points in a plane are the fewest that give one pose.
 const POINTS_IN_VIEW: usize = 4;
 /// How far the points of a flat target may lie beside its plane z = 0, m. Chosen by hand: rounding.
@@ -331,14 +329,50 @@ fn joints<const N: usize>(command: &ControlCommand) -> Result<SVector<f64, N>, R
 /// The pose of position and quaternion x, y, z, w.
 fn pose_of(numbers: &[f64]) -> Result<Pose, Refusal> {
     let &[px, py, pz, x, y, z, w] = numbers else { return Err(Refusal::WrongNumbers) };
-    let q = Quaternion::new(w, x, y, z);
-    let is_good = (q.norm() - 1.0).abs() <= NORM_ERROR && [px, py, pz].iter().all(|x| POSITION_M.contains(x));
-    let pose = Pose::from_parts(Translation3::new(px, py, pz), UnitQuaternion::from_quaternion(q));
-    if is_good { Ok(pose) } else { Err(Refusal::WrongNumbers) }
+    let rotation =
+        unit_quaternion([x, y, z, w]).filter(|_| [px, py, pz].iter().all(|x| POSITION_M.contains(x)));
+    let pose = |rotation| Pose::from_parts(Translation3::new(px, py, pz), rotation);
+    rotation.map(pose).ok_or(Refusal::WrongNumbers)
 }
 
 /// Whether the points of a flat target would be seen from the side on which they are not.
 fn is_from_behind(goal: &SetPoint) -> bool {
     let is_flat = goal.points().iter().all(|p| p.z.abs() < FLAT_M);
     is_flat && goal.X_DO().is_some_and(|X_DO| !is_front(X_DO))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The words of refusals stand in `control/lifecycle.rs`, which knows nothing of the mission's bounds.
+    #[test]
+    fn refusals_tell_the_bounds_that_hold() {
+        let range = |range: &RangeInclusive<f64>| format!("{} to {}", range.start(), range.end());
+        let of_numbers = [
+            format!("the time for which it holds ({} s)", range(&VELOCITY_HOLD_S)),
+            format!("a gain {} 1/s", range(&GAIN_1_S)),
+            format!("a tolerance {} px", range(&TOLERANCE_PX)),
+            format!("a hold {} s", range(&HOLD_S)),
+            format!("a velocity at most {VELOCITY} rad/s or m/s"),
+            format!("a position within {} m", POSITION_M.end()),
+            format!("a feature within {}", FEATURES.end()),
+        ];
+        let of_jog = [
+            format!("a joint by {JOG_RAD} rad or {JOG_M} m at most"),
+            format!("the camera by {JOG_M} m and {JOG_RAD} rad"),
+        ];
+        let of_size = [format!("smaller than {SMALLEST_PX} px")];
+        for (refusal, parts) in [
+            (Refusal::WrongNumbers, &of_numbers[..]),
+            (Refusal::TooFar, &of_jog),
+            (Refusal::TooSmall, &of_size),
+        ] {
+            for part in parts {
+                assert!(refusal.describe().contains(part), "{part}: {}", refusal.describe());
+            }
+        }
+        assert_eq!(POSITION_M.start(), &-POSITION_M.end());
+        assert_eq!(FEATURES.start(), &-FEATURES.end());
+    }
 }

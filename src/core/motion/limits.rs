@@ -89,6 +89,15 @@ impl ActingLimits {
         self
     }
 
+    /// The same without `limit`.
+    #[must_use]
+    pub fn without(mut self, limit: Limit) -> Self {
+        if let Some(mask) = self.0.get_mut(limit as usize) {
+            *mask = 0;
+        }
+        self
+    }
+
     /// The joints on which `limit` acts.
     #[must_use]
     pub fn joints(&self, limit: Limit) -> u8 {

@@ -47,6 +47,29 @@ pub(super) fn within(key: &str, value: f64, allowed: &RangeInclusive<f64>) -> Re
     Err(Defect::OutOfRange { what: key.to_owned(), value, low: *allowed.start(), high: *allowed.end() })
 }
 
+/// A length, m.
+///
+/// # Errors
+/// [`Defect::Length`].
+pub(super) fn length(key: &str, value: f64) -> Result<f64, Defect> {
+    within(key, value, &LENGTH_M).map_err(|_| Defect::Length {
+        what: key.to_owned(),
+        value,
+        most: *LENGTH_M.end(),
+    })
+}
+
+/// The coordinates of a point, m.
+///
+/// # Errors
+/// [`Defect::Length`] for the first that is none.
+pub(super) fn lengths(key: &str, values: [f64; 3]) -> Result<Vector3<f64>, Defect> {
+    for (i, value) in values.into_iter().enumerate() {
+        length(&format!("{key}[{i}]"), value)?;
+    }
+    Ok(Vector3::from(values))
+}
+
 /// Three numbers of one key.
 ///
 /// # Errors

@@ -18,6 +18,10 @@ pub struct Motor {
     pub gear_ratio: f64,
 }
 
+/// Length of an arm from its first joint to its flange from which on it is told, m. Chosen by hand: industrial arms reach to 5 m, those of space stations to 18, and one of which
+/// a file has the millimetres is a hundred long or more; a crane's is told in vain.
+const LONG_M: f64 = 30.0;
+
 /// One joint and the link behind it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JointDescription {
@@ -110,6 +114,18 @@ impl RobotDescription {
             last.inertia = last.inertia.plus(&tool.in_frame(&self.X_LE));
         }
         self
+    }
+
+    /// Notes an arm that is so long that its lengths must be in another unit.
+    pub(super) fn note_length(&mut self) {
+        let parts = self.joints.iter().flat_map(|joint| [&joint.X_PJ, &joint.X_JL]).skip(1);
+        let length_m: f64 = parts.chain([&self.X_LE]).map(|X| X.translation.vector.norm()).sum();
+        if length_m > LONG_M {
+            self.notes.push(format!(
+                "{}: the arm is {length_m:.0} m long from its first joint to the flange: lengths are in m, is the file written in millimetres?",
+                self.file
+            ));
+        }
     }
 
     /// An error that names this file and `element`.

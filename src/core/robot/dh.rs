@@ -4,7 +4,7 @@
 //! Modified: `A_i = Rx(alpha) Tx(a) Rz(theta) Tz(d)`, link frame i on the joint's axis.
 //! The joint's position is added to theta of a turning joint, to d of a sliding one.
 
-use super::bounds::{self, all_within, within};
+use super::bounds::{self, within};
 use super::description::{JointDescription, Motor, RobotDescription};
 use super::error::{Defect, RobotError};
 use super::inertia::Inertia;
@@ -136,7 +136,7 @@ impl DhLink {
         }
         Ok(Inertia {
             mass: bounds::mass("mass_kg", self.mass_kg)?,
-            com: all_within("com_m", self.com_m, &bounds::LENGTH_M)?,
+            com: bounds::lengths("com_m", self.com_m)?,
             about_com: Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz),
         })
     }
@@ -197,7 +197,7 @@ impl DhJoint {
             DhJointKind::Continuous => JointKind::Continuous,
             DhJointKind::Prismatic => JointKind::Prismatic,
         };
-        let length = |key, value| within(key, value, &bounds::LENGTH_M);
+        let length = bounds::length;
         let angle = |key, value| within(key, value, &bounds::ANGLE_RAD);
         let screw_z = pose_of(
             rotation_z(angle("theta_rad", self.theta_rad)?),

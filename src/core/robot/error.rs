@@ -76,6 +76,19 @@ pub enum Defect {
         /// The greatest that is allowed.
         high: f64,
     },
+    /// A length that no arm has.
+    #[error(
+        "{what}: {} is out of range, allowed is -{most} to {most} m; lengths are in m: is the file written in millimetres?",
+        number(*value)
+    )]
+    Length {
+        /// Its key, or element and attribute.
+        what: String,
+        /// The value that was read.
+        value: f64,
+        /// The greatest that is allowed, m, either way.
+        most: f64,
+    },
     /// An attribute of `<limit>` is needed that is not there (URDF).
     #[error("`<limit>` has no `{attribute}`; give lower, upper, velocity and effort")]
     MissingLimit {

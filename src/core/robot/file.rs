@@ -90,6 +90,7 @@ pub(super) fn parse_toml(
         description.X_LE *= tool.pose().map_err(|problem| wrong("tool", problem))?;
     }
     description.check()?;
+    description.note_length();
     Ok(description)
 }
 
@@ -97,7 +98,7 @@ impl ToolRecord {
     fn pose(&self) -> Result<Pose, Defect> {
         let rpy = all_within("rpy_rad", self.rpy_rad, &bounds::ANGLE_RAD)?;
         Ok(Pose::from_parts(
-            Translation3::from(all_within("position_m", self.position_m, &bounds::LENGTH_M)?),
+            Translation3::from(bounds::lengths("position_m", self.position_m)?),
             UnitQuaternion::from_euler_angles(rpy.x, rpy.y, rpy.z),
         ))
     }
@@ -117,6 +118,7 @@ pub(super) fn parse_urdf(
     let selection = ChainSelection { tip: tip.map(str::to_owned), ..ChainSelection::default() };
     urdf::read(text, &selection, &mut description)?;
     description.check()?;
+    description.note_length();
     Ok(description)
 }
 

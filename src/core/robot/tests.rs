@@ -175,3 +175,28 @@ fn links_one_by_one_lead_to_the_flange() {
         assert!((X_BE.to_homogeneous() - wanted.to_homogeneous()).norm() < 1e-12, "{name}");
     }
 }
+
+/// `ur5.urdf` with every place `scale` times as far away.
+fn ur5_scaled(scale: f64) -> Result<RobotDescription, RobotError> {
+    let text = include_str!("../../../config/robot/ur5.urdf");
+    let mut scaled = String::new();
+    for (i, part) in text.split("xyz=\"").enumerate() {
+        let (list, rest) = if i == 0 { ("", part) } else { part.split_once('"').unwrap() };
+        if i > 0 {
+            // of an axis only the direction counts
+            let numbers = list.split_whitespace().map(|x| (x.parse::<f64>().unwrap() * scale).to_string());
+            scaled += &format!("xyz=\"{}\"", numbers.collect::<Vec<_>>().join(" "));
+        }
+        scaled += rest;
+    }
+    super::file::parse_urdf(&scaled, "ur5", "ur5.urdf", Some("tool0"))
+}
+
+#[test]
+fn a_file_in_millimetres_is_told() {
+    let refused = ur5_scaled(1000.0).unwrap_err().to_string();
+    assert!(refused.contains("out of range") && refused.contains("millimetres"), "{refused}");
+    let small = ur5_scaled(150.0).unwrap().notes.join("; ");
+    assert!(small.contains("m long") && small.contains("millimetres"), "{small}");
+    assert!(!ur5_scaled(1.0).unwrap().notes.join("; ").contains("millimetres"));
+}

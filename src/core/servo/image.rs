@@ -196,6 +196,24 @@ pub fn image_task(set_point: &SetPoint, view: &View, interaction: Interaction) -
     Some(TwistTask::new(&all.equations, all.error2.sqrt()))
 }
 
+/// Directions whose square is a smaller share of the greatest one's count as not determined by the features. Chosen by hand between the rounding of
+/// squares, 2e-16, and the weakest direction of a target that is a fiftieth of its distance, which has a hundred times as much.
+const MIN_SHARE: f64 = 1e-12;
+/// Bound of the entries of an interaction matrix of features that are defined. Chosen by hand: beyond it a feature has nearly lost its meaning
+/// (the axis of a nearly round area), and squares lose the small ones.
+const MAX_SQUARE: f64 = 1e12;
+
+/// In how many directions of the camera's motion, 0 to 6, the selected features change at the goal. `None` where one of them is not defined there.
+#[must_use]
+pub fn determined_directions(set_point: &SetPoint) -> Option<usize> {
+    let at_goal = View::new(set_point.features().iter().copied(), None)?;
+    let at_desired = Interaction { at: InteractionAt::Desired, depth: DepthSource::Desired };
+    let matrix = image_task(set_point, &at_goal, at_desired)?.matrix;
+    let is_defined = matrix.iter().all(|x| x.abs() < MAX_SQUARE);
+    let squares = is_defined.then(|| matrix.symmetric_eigenvalues())?;
+    Some(squares.iter().filter(|x| **x > MIN_SHARE * squares.max()).count())
+}
+
 /// The current and the desired points with depths as `interaction` chooses them; `None` when they do not belong together.
 fn sides<'a>(
     set_point: &'a SetPoint,

@@ -93,8 +93,8 @@ pub use gain_matrix::{FeatureEntries, FeatureMatrix, GainMatrix, NoGainMatrix, e
 pub use goal_path::{GoalPath, MovingGoal};
 pub use hybrid::{Displacement, HybridGains, J_o, J_p, hybrid_task};
 pub use image::{
-    FeatureGains, image_error, image_task, image_task_by, image_wrench, image_wrench_by,
-    preconditioned_wrench, weighted_rows,
+    FeatureGains, determined_directions, image_error, image_task, image_task_by, image_wrench,
+    image_wrench_by, preconditioned_wrench, weighted_rows,
 };
 pub use interaction::{DepthRow, DepthSource, Interaction, InteractionAt};
 pub use jacobian_estimator::{CautiousTask, Innovation, JacobianEstimator};

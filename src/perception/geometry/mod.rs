@@ -10,6 +10,7 @@ mod twist;
 
 pub use rotation::{
     angle_axis, closest_rotation, roll_pitch_yaw, rotation_angle, rotation_x, rotation_y, rotation_z, skew,
+    unit_quaternion,
 };
 pub use twist::{gamma, integrate_body_twist, rotate_twist};
 

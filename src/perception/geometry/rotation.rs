@@ -1,6 +1,16 @@
 //! Rotation matrices and angles; (10.11), (10.12) for the closest rotation.
 
-use nalgebra::{Matrix3, Rotation3, Vector3};
+use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
+
+/// How far a quaternion's norm may be from 1. Derived: three decimals are off by 5e-4 each, and four of them by up to 2e-3 in the norm's square.
+const NORM_ERROR: f64 = 2e-3;
+
+/// The rotation of the numbers x, y, z, w that somebody wrote. `None` where their norm is not 1, to three decimals: they are then something else, or in another place.
+#[must_use]
+pub fn unit_quaternion([x, y, z, w]: [f64; 4]) -> Option<UnitQuaternion<f64>> {
+    let q = Quaternion::new(w, x, y, z);
+    ((q.norm() - 1.0).abs() <= NORM_ERROR).then(|| UnitQuaternion::from_quaternion(q))
+}
 
 /// The skew-symmetric matrix S(v) with `S(v) w = v x w`.
 #[must_use]

@@ -11,6 +11,10 @@ const GRAMMAR: &str = "four_dots[:SIDE_M[:chiral]], dots:COLSxROWS:PITCH_M, ches
 /// Margin of a shape's plate, as a share of its size. Chosen by hand: the border of the shape needs light ground beside it to be found.
 const MARGIN: f64 = 0.25;
 
+/// Largest extent of a target that a word names, m. Chosen by hand: twice the largest that are printed, on landing pads and ships' decks; of lengths in mm a target of
+/// a tenth of that size would be 500 m large.
+pub const MAX_EXTENT_M: f64 = 5.0;
+
 /// A word that names no target.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum KindError {
@@ -33,6 +37,16 @@ pub enum KindError {
         /// What it should be.
         wanted: &'static str,
     },
+    /// The target would be larger than any that is meant.
+    #[error(
+        "`{word}` would be {extent_m:.1} m large, and the largest is {MAX_EXTENT_M} m: lengths are in m, 25 mm are 0.025; accepted: {GRAMMAR}"
+    )]
+    TooLarge {
+        /// What was given.
+        word: String,
+        /// How large the target would be, m.
+        extent_m: f64,
+    },
     /// The parts make no target.
     #[error(transparent)]
     Target(#[from] TargetError),
@@ -53,6 +67,21 @@ impl FromStr for Kind {
     /// `four_dots[:SIDE_M[:chiral]]`, `dots:COLSxROWS:PITCH_M`, `chessboard:COLSxROWS:SQUARE_M`, `tag:FAMILY:SIZE_M[:ID]`,
     /// `polygon:X_M,Y_M;X_M,Y_M;...`, `ellipse:AxB`.
     fn from_str(word: &str) -> Result<Self, Self::Err> {
+        let kind = Self::of_any_size(word)?;
+        let extent_m = kind.target.extent_m();
+        if extent_m > MAX_EXTENT_M {
+            return Err(KindError::TooLarge { word: shown(word), extent_m });
+        }
+        Ok(kind)
+    }
+}
+
+impl Kind {
+    /// The same of any size, for those that judge it themselves.
+    ///
+    /// # Errors
+    /// All others than [`KindError::TooLarge`].
+    pub fn of_any_size(word: &str) -> Result<Self, KindError> {
         let parts: Vec<&str> = word.split(':').collect();
         let wrong = |what| Err(KindError::Parts { word: shown(word), what });
         let sure = |target: Target| Ok(Self { target, any_tag: false });
@@ -163,6 +192,22 @@ mod tests {
         let family = super::super::TagFamily::Tag36h11;
         assert_eq!(of("tag:36h11:0.05:7").target, Tags::one(family, 0.05, 7).unwrap().into());
         assert!(of("tag:tag36h11:0.05").any_tag && !of("tag:36h11:0.05:7").any_tag);
+    }
+
+    #[test]
+    fn lengths_in_millimetres_are_told() {
+        for word in [
+            "four_dots:100",
+            "dots:7x5:30",
+            "chessboard:9x6:25",
+            "tag:36h11:50:7",
+            "ellipse:40x20",
+            "polygon:0,0;20,0;20,30",
+        ] {
+            let message = word.parse::<Kind>().unwrap_err().to_string();
+            assert!(message.contains("lengths are in m") && message.contains(word), "{word}: {message}");
+        }
+        assert!("chessboard:9x6:0.3".parse::<Kind>().is_ok(), "a board on a wall");
     }
 
     #[test]

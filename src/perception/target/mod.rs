@@ -22,7 +22,7 @@ pub use chessboard::Chessboard;
 pub use dot_grid::DotGrid;
 pub use error::TargetError;
 pub use four_dots::FourDots;
-pub use kind::{Kind, KindError};
+pub use kind::{Kind, KindError, MAX_EXTENT_M};
 pub use mark::{ClosedOutline, Disc, Mark, Plate};
 pub use shape::Shape;
 pub use tag_family::{TagCell, TagFamily, UnknownTagFamily};
@@ -114,6 +114,13 @@ impl Target {
             Self::Tags(_) => PointKind::TagCorners,
             Self::Shape(_) => PointKind::Outline,
         }
+    }
+
+    /// How large it is: the longer side of what it is drawn on, m.
+    #[must_use]
+    pub fn extent_m(&self) -> f64 {
+        let plate = self.plate();
+        (plate.high_m - plate.low_m).max()
     }
 
     /// Its points, ids rising.

@@ -214,6 +214,12 @@ fn occluder(at: &str, raw: &RawOccluder, check: &mut Validation<'_>) -> Option<O
         from: SpanNs::from_s(from_s),
         until: SpanNs::from_s(until_s),
     };
+    if until_s <= from_s && from_s > 0.0 {
+        let message = format!(
+            "{until_s} s is not later than from_s, {from_s} s: what goes before it comes never comes"
+        );
+        check.doubtful(&format!("{at}.until_s"), message);
+    }
     (until_s > from_s).then_some(occluder)
 }
 

@@ -11,7 +11,9 @@ impl<const N: usize> Controller<N> {
     /// Takes in a measurement at `now`, and what it says of the arm's motion.
     pub(super) fn take(&mut self, now: MonoNs, m: &Measurement) -> MeasurementVerdict {
         let verdict = self.servo.add_measurement(now, m, &self.arm.robot);
-        self.returning.note(m);
+        if verdict != MeasurementVerdict::OtherTarget {
+            self.returning.note(m);
+        }
         self.behaviour.note(now, m, verdict, &self.servo);
         if let Some(drift) = self.servo.take_unobserved_motion() {
             self.joint_control.learn(&drift, now);

@@ -89,6 +89,10 @@ impl<const N: usize> Controller<N> {
         let after = self.reference.advance(&requested_qd, TICK);
         let now = ReferenceState { q: before.q, qd: before.qd, ..*after };
         let way = now.qd * TICK.as_s();
+        // Limits in space come behind the joints': a command that they slow down is no quicker than the joints can, whatever it was before.
+        if after.limits.joints(Limit::Workspace) != 0 {
+            limits = limits.without(Limit::Velocity);
+        }
         TickMotion { now, limits: limits.with(&after.limits), follows: true, way }
     }
 

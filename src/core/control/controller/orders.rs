@@ -97,6 +97,7 @@ impl<const N: usize> Controller<N> {
     pub fn set_goal(&mut self, goal: SetPoint) {
         if goal.target() != self.servo.set_point().target() {
             self.behaviour.forget_target();
+            self.returning.forget_target();
         }
         self.servo.set_goal(goal);
         self.returning.forget_losses();

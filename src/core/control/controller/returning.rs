@@ -79,6 +79,11 @@ impl<const N: usize> ReturnWatch<N> {
         self.losses = LossCount::default();
     }
 
+    /// What was lost and looked for so far was another target.
+    pub(super) fn forget_target(&mut self) {
+        *self = Self { told: self.told, ..Self::default() };
+    }
+
     pub(super) fn is_searching(&self) -> bool {
         self.search.is_some()
     }

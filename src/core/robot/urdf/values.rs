@@ -11,7 +11,7 @@ use nalgebra::{Matrix3, Quaternion, Translation3, UnitQuaternion, UnitVector3, V
 use std::ops::RangeInclusive;
 
 pub(super) fn pose(origin: &Origin) -> Result<Pose, Defect> {
-    let xyz = all_within("origin xyz", origin.xyz, &bounds::LENGTH_M)?;
+    let xyz = bounds::lengths("origin xyz", origin.xyz)?;
     let rpy = all_within("origin rpy", origin.rpy, &bounds::ANGLE_RAD)?;
     let rotation = match origin.quat_xyzw {
         None => UnitQuaternion::from_euler_angles(rpy.x, rpy.y, rpy.z),

@@ -13,6 +13,7 @@
 mod bound;
 mod law;
 mod named_goals;
+mod occlusion;
 mod path;
 mod reach;
 mod space;
@@ -22,7 +23,7 @@ mod words;
 
 pub use bound::BoundAhead;
 pub use named_goals::NamedGoalAhead;
-pub use path::GoalPathAhead;
+pub use path::{GoalPathAhead, OverspeedJoint};
 pub use reach::{CameraPath, Posture, Reach};
 pub use space::SpaceAhead;
 pub use targets::FurtherTargetAhead;
@@ -63,6 +64,8 @@ pub struct Preflight {
     pub stability: Option<Stability>,
     /// Where the arm is within its limits in space; `None` where no place is limited.
     pub space: Option<SpaceAhead>,
+    /// Which points of the target something covers through the whole run, where that leaves too few to find it.
+    pub covered: Option<String>,
     /// Where gravity takes more of a joint than its effort limit, so that the arm cannot hold itself.
     pub overload: Option<String>,
     /// Joints whose rotor inertia the robot file does not tell, with what it is likely to be; `None` where nothing is missing, and for drives that are not commanded
@@ -161,6 +164,8 @@ impl Preflight {
             let visibility = Visibility::of(&config.target, &config.camera.model, &X_DO);
             Viewpoint::new(config, X_DO, X_BC, visibility)
         });
+        let covered = config.scene.as_ref().zip(start.as_ref());
+        let covered = covered.and_then(|(scene, start)| occlusion::covered(config, scene, start));
         let mut preflight = Self {
             start,
             goal,
@@ -171,6 +176,7 @@ impl Preflight {
             depth: law::depth(config),
             stability: None,
             space: None,
+            covered,
             overload: None,
             rotors: rotors(config),
             targets: Vec::new(),
@@ -245,7 +251,16 @@ impl Preflight {
         };
         let named = self.goals.iter().flat_map(of_goal);
         let postures = self.postures.iter().map(|posture| ("postures", posture.clone()));
-        doubts.chain(unstable).chain(overload).chain(named).chain(postures).collect()
+        let path = self.path.iter().filter_map(|path| Some(("servo.path", path.doubt()?)));
+        let covered = self.covered.iter().map(|message| ("scene", message.clone()));
+        doubts
+            .chain(unstable)
+            .chain(overload)
+            .chain(path)
+            .chain(covered)
+            .chain(named)
+            .chain(postures)
+            .collect()
     }
 
     /// What is wrong with the view at the goal, and whether that makes the run futile: a target that is tracked already goes on with

@@ -95,7 +95,7 @@ impl<const N: usize> ReachProblem<'_, N> {
         &self.config.camera.mount
     }
 
-    fn search(&self) -> PostureSearch<'_, N> {
+    pub(super) fn search(&self) -> PostureSearch<'_, N> {
         PostureSearch { robot: self.robot, mount: self.mount() }
     }
 
@@ -150,7 +150,7 @@ impl<const N: usize> ReachProblem<'_, N> {
         }
     }
 
-    fn name(&self, joint: usize) -> String {
+    pub(super) fn name(&self, joint: usize) -> String {
         self.robot.joint_names().get(joint).cloned().unwrap_or_default()
     }
 

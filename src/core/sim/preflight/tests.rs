@@ -277,3 +277,47 @@ fn goals_and_postures_with_names_are_looked_at() {
     assert!(!doubts.iter().any(|(_, told)| told.contains("`home`")), "{doubts:?}");
     assert!(preflight.faults().is_empty(), "{:?}", preflight.faults());
 }
+
+/// A target that is covered from the first tick to the last is never found; one that is free at some time, or at one of its sides, may be.
+#[test]
+fn a_target_that_stays_covered_is_told() {
+    let occluder =
+        |text: &str| format!("scene.occluder={{center_m=[0.05,0.05], size_m=[0.14,0.14], {text}}}");
+    let told = |set: &str| preflight("ur5.toml", &[set]).covered;
+    let message = told(&occluder("from_s=0, until_s=90, height_m=0.0")).unwrap();
+    assert!(message.contains("leave 0 of the target's 4 points"), "{message}");
+    // near the camera, before one dot: four are needed
+    let near =
+        "scene.occluder={center_m=[0.0,0.0], size_m=[0.02,0.02], from_s=0, until_s=30, height_m=0.001}";
+    assert!(told(near).unwrap().contains("leave 3 of the target's 4 points"));
+    for free in ["from_s=0, until_s=29, height_m=0.0", "from_s=1, until_s=90, height_m=0.0"] {
+        assert_eq!(told(&occluder(free)), None, "{free}");
+    }
+    assert_eq!(told("scene.occluder={center_m=[0.5,0.05], size_m=[0.1,0.1], from_s=0, until_s=90}"), None);
+    // a sheet behind the camera is before nothing
+    assert_eq!(told(&occluder("from_s=0, until_s=90, height_m=5.0")), None);
+}
+
+/// A turn of the camera about its axis by 120 degrees in half a second is one of the last joint: with a cubic it peaks at 1.5 times the mean, 6.28 rad/s.
+#[test]
+fn a_path_that_no_joint_can_follow_is_told() {
+    let path = |s: f64| {
+        let pose = |t_s: f64, deg: f64| {
+            format!("{{ t_s = {t_s}, position_m = [0, 0, 0.55], rotation_rpy_deg = [0, 0, {deg}] }}")
+        };
+        format!("servo.path.poses=[{}, {}]", pose(2.0, 0.0), pose(2.0 + s, 120.0))
+    };
+    let start = "servo.desired={ position_m = [0, 0, 0.55], rotation_rpy_deg = [0, 0, 0] }";
+    let ahead = |s: f64| preflight("ur5.toml", &[start, &path(s)]);
+    let quick = ahead(0.5);
+    let told = quick.path.clone().and_then(|path| path.overspeed).unwrap();
+    assert!(told.joint == "wrist_3_joint" && told.needs > 5.5 && told.needs < 6.4, "{told:?}");
+    assert!(told.limit < told.needs && (2.0..2.5).contains(&told.at_s), "{told:?}");
+    assert!(quick.doubts().iter().any(|(key, told)| *key == "servo.path" && told.contains("wrist_3_joint")));
+    let slow = ahead(5.0);
+    assert!(
+        slow.path.clone().is_some_and(|path| path.overspeed.is_none() && path.beyond.is_none()),
+        "{:?}",
+        slow.path
+    );
+}

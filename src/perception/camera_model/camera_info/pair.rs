@@ -2,8 +2,8 @@
 
 use super::CameraInfoError;
 use super::yaml::Entries;
-use crate::geometry::Pose;
-use nalgebra::{Quaternion, Translation3, UnitQuaternion};
+use crate::geometry::{Pose, unit_quaternion};
+use nalgebra::Translation3;
 
 /// Where the right camera is in the left one, and the names of both calibration files.
 #[derive(Debug, Clone, PartialEq)]
@@ -30,11 +30,30 @@ impl PairInfo {
             .numbers(POSITION)?
             .try_into()
             .map_err(|_| entries.wrong(POSITION, "has three numbers"))?;
-        let [x, y, z, w]: [f64; 4] =
+        let xyzw: [f64; 4] =
             entries.numbers(ROTATION)?.try_into().map_err(|_| entries.wrong(ROTATION, "has four numbers"))?;
-        let rotation = UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 1e-6)
-            .ok_or_else(|| entries.wrong(ROTATION, "is no rotation"))?;
+        let rotation = unit_quaternion(xyzw).ok_or_else(|| {
+            entries.wrong(ROTATION, "is no rotation, whose quaternion x, y, z, w has length 1: write it anew with `vservo calibrate stereo`")
+        })?;
         let X_LR = Pose::from_parts(Translation3::from(position), rotation);
         Ok(Self { left: name("left")?, right: name("right")?, X_LR })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pair_has_a_rotation_of_length_one() {
+        let read = |q: &str| {
+            let text = format!(
+                "left: \"a.yaml\"\nright: \"b.yaml\"\nX_LR:\n  position_m: [0.1, 0.0, 0.0]\n  rotation_xyzw: [{q}]\n"
+            );
+            PairInfo::read(&text)
+        };
+        assert_eq!(read("0.0, 0.0, 0.707, 0.707").map(|pair| pair.right), Ok("b.yaml".to_owned()));
+        let told = read("0.0, 0.0, 0.0, 2.0").unwrap_err().to_string();
+        assert!(told.contains("X_LR.rotation_xyzw") && told.contains("length 1"), "{told}");
     }
 }
