@@ -4,6 +4,7 @@ use super::shown;
 use crate::control::outcome::Outcome;
 use crate::process::{OpenRecording, ProcessError};
 use crate::replay::{self, CommandDeviation, How, MeasuredAgain, RecordedRun, ReplayError, Replayed};
+use crate::robot::joint_in_words;
 use clap::{Args, ValueEnum};
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -50,7 +51,11 @@ pub(super) fn replay(arguments: &ReplayArguments) -> Result<u8, ProcessError> {
             let mut run = RecordedRun::new(reader).map_err(wrong)?;
             let found = replay::replay(&mut run, config, how).map_err(wrong)?;
             let is_same = found.difference.is_none() && found.deviations.is_empty() && found.gap.is_none();
-            (control_text(&found, how) + recording.other_version.as_deref().unwrap_or_default(), is_same)
+            (
+                control_text(&found, how, &config.robot.joint_names())
+                    + recording.other_version.as_deref().unwrap_or_default(),
+                is_same,
+            )
         }
     };
     Ok(shown(&text, if is_same { 0 } else { DIFFERS }))
@@ -69,7 +74,7 @@ fn frames_text(found: &MeasuredAgain) -> String {
     text
 }
 
-fn control_text(found: &Replayed, how: How) -> String {
+fn control_text(found: &Replayed, how: How, names: &[String]) -> String {
     let Replayed { ticks, state_hash, difference, deviations, gap, cut_off, outcomes } = found;
     let mut text = match (difference, how) {
         (Some(difference), _) => format!("differs after {} ticks: {difference}\n", ticks - 1),
@@ -86,7 +91,8 @@ fn control_text(found: &Replayed, how: How) -> String {
     for CommandDeviation { field, tick, joint, recorded, replayed, .. } in deviations {
         let _ = writeln!(
             text,
-            "  {field} of joint {joint} at tick {tick}: {replayed:.6}, recorded {recorded:.6}"
+            "  {field} of {} at tick {tick}: {replayed:.6}, recorded {recorded:.6}",
+            joint_in_words(names, joint - 1)
         );
     }
     let word = |code: u32| Outcome::from_code(code).map_or("goes on", Outcome::as_str);

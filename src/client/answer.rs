@@ -4,7 +4,7 @@ use super::targets::targets_of;
 use crate::control::lifecycle::{Refusal, Request};
 use crate::control::safety::Fault;
 use crate::input::printable;
-use crate::ipc::Instance;
+use crate::ipc::{Instance, Role};
 use crate::messages::{CameraState, ControlAnswer, ControlState, RobotState, TargetStatus, answer_flag};
 use crate::report::summary::ContactReport;
 use serde::Serialize;
@@ -94,7 +94,7 @@ impl RunAnswer {
             robot_text: Some(a.robot_text()).filter(|words| !words.is_empty()),
             waits_for: (a.flags & answer_flag::CLEARING != 0)
                 .then(|| waits_for(RobotState::from_code(a.robot_state))),
-            contact: contact_of(a),
+            contact: contact_of(instance, a),
             target: Some(TargetStatus::from_code(a.target).as_str()),
             camera: Some(CameraState::from_code(a.camera_state))
                 .filter(|state| *state != CameraState::Unknown)
@@ -222,13 +222,16 @@ impl RunAnswer {
 }
 
 /// What touches the arm, by an answer.
-fn contact_of(a: &ControlAnswer) -> Option<ContactReport> {
+fn contact_of(instance: &Instance, a: &ControlAnswer) -> Option<ContactReport> {
     let joint = a.contact_joint.checked_sub(1)? as usize;
-    let is_known = a.contact_torque.is_finite();
+    let agreement = instance.agreement_of(Role::Control).unwrap_or_default();
+    let names: Vec<String> =
+        agreement.get("robot.joints").and_then(|text| serde_json::from_str(text).ok()).unwrap_or_default();
     Some(ContactReport {
         joint,
-        torque_n_m_or_n: is_known.then_some(a.contact_torque),
-        force_n: is_known.then_some(a.contact_force),
+        joint_name: names.into_iter().nth(joint),
+        torque_n_m_or_n: Some(a.contact_torque).filter(|torque| torque.is_finite()),
+        force_n: Some(a.contact_force).filter(|force| force.iter().all(|f| f.is_finite())),
     })
 }
 

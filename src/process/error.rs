@@ -135,12 +135,12 @@ pub enum ProcessError {
     DriveProperties(#[from] crate::drive::DrivePropertiesError),
     /// The external drive says that the arm is where no arm is, or moves as none does.
     #[error(
-        "the external drive's first state has joint {joint} at {q} rad or m, moving with {qd} rad/s or m/s: no arm does that; \
+        "the external drive's first state has {joint} at {q} rad or m, moving with {qd} rad/s or m/s: no arm does that; \
          see to what the drive sends"
     )]
     DriveState {
-        /// Which joint, from 1.
-        joint: usize,
+        /// What the joint is called.
+        joint: String,
         /// Its position.
         q: f64,
         /// Its velocity.

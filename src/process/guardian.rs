@@ -44,7 +44,14 @@ pub fn run(config: &Config, instance: &Instance, stop: &StopFlag) -> Result<(), 
     priority::take(config, Rank::Guardian)?;
     let (commands, states) = membership.services().drive_recorders()?;
     membership.services().require_room_for_peers()?;
-    let mut watch = GuardianWatch { instance, commands, states, guardian: Guardian::new(limits), word: None };
+    let mut watch = GuardianWatch {
+        instance,
+        commands,
+        states,
+        guardian: Guardian::new(limits),
+        word: None,
+        joint_names: config.robot.joint_names(),
+    };
     // From here on nothing that is sent is missed: the supervisor starts control now.
     membership.tell_progress(1);
     let (mut next, mut over) = (now(), None);
@@ -71,6 +78,7 @@ struct GuardianWatch<'a> {
     guardian: Guardian,
     /// There is none before control has made it.
     word: Option<StopWord>,
+    joint_names: Vec<String>,
 }
 
 impl GuardianWatch<'_> {
@@ -123,7 +131,7 @@ impl GuardianWatch<'_> {
         if let Some(word) = &self.word {
             let _ = word.ask(Halt::Guardian);
         }
-        let words = format!("the guardian has stopped the arm: {finding}");
+        let words = format!("the guardian has stopped the arm: {}", finding.describe(&self.joint_names));
         error!("{words}");
         self.instance.leave_words_of_guardian(&words);
     }

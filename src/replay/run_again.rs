@@ -146,7 +146,7 @@ impl<const N: usize> ControlAgain<N> {
         Ok(Self {
             control,
             mission,
-            statistics: RunStatistics::new(),
+            statistics: RunStatistics::new(config.robot.joint_names()),
             arm,
             clock: config.clock,
             how,

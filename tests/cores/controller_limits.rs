@@ -245,7 +245,7 @@ fn perfect_loop<const N: usize>(
 ) -> Outcome {
     let mut outcome =
         Outcome { events: Vec::new(), limits: 0, last: JointState::default(), fastest_late: 0.0 };
-    let mut statistics = RunStatistics::new();
+    let mut statistics = RunStatistics::new(Vec::new());
     for k in 0..seconds * 1000 {
         let now = MonoNs(k * MS);
         let state = control.sense(k as u64, now);

@@ -55,6 +55,40 @@ fn named(wanted: &str, cells: &[(&str, &[&str])]) {
     }
 }
 
+/// The summary of such a run.
+fn summary(name: &str, cell: (&str, &[&str])) -> Value {
+    let folder = tempfile::tempdir().unwrap();
+    let place = folder.path().join("summary.json");
+    run(name, cell, "--summary", &place);
+    serde_json::from_str(&std::fs::read_to_string(&place).unwrap()).unwrap()
+}
+
+#[test]
+fn a_summary_tells_payloads_as_they_are_and_no_rotors() {
+    for (i, (file, mass)) in
+        [("ur5", 3.0), ("panda", 2.5), ("xarm7", 3.0), ("xarm7", 2.2)].into_iter().enumerate()
+    {
+        let payload = format!("drive.simulated.payload_kg={mass}");
+        let told = summary(&format!("sum-load{i}"), (file, &[&payload]));
+        let number = |key: &str| told["payload"][key].as_f64().unwrap();
+        let (kg, sd) = (number("mass_kg"), number("mass_sd_kg"));
+        assert!((kg - mass).abs() < 2.0 * sd && sd < 0.2 * mass, "{file}: {kg} +- {sd} kg of {mass}");
+        assert!(told["rotors_kg_m2_or_kg"].is_null(), "{file} with {mass} kg: {told:#}");
+    }
+}
+
+#[test]
+fn a_jammed_joint_is_named_and_makes_no_force_at_the_flange() {
+    for joint in 1..4 {
+        let jam = format!("drive.simulated.jam={{joint={joint},from_s=0.6}}");
+        let told = summary(&format!("sum-jam{joint}"), ("ur5", &[&jam]));
+        let contact = &told["contact"];
+        let names = told["joint_names"].as_array().unwrap();
+        assert_eq!(contact["joint_name"], names[contact["joint"].as_u64().unwrap() as usize]);
+        assert!(contact["force_n"].is_null(), "{contact}");
+    }
+}
+
 #[test]
 fn a_gain_that_is_too_high_is_named() {
     let (held, way) = ("servo.update=frame", "servo.interaction=current");

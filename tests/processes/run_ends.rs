@@ -51,7 +51,7 @@ fn run<const N: usize>(
 ) -> End {
     let limits = assemble::motion_limits(config, robot).unwrap();
     let (mut speed, mut acceleration, mut before) = ([0.0, 0.0], 0.0_f64, SVector::<f64, N>::zeros());
-    let mut statistics = RunStatistics::new();
+    let mut statistics = RunStatistics::new(Vec::new());
     for k in 0..60_000_i64 {
         let now = MonoNs(k * MS);
         let joint = control.sense(k as u64, now);

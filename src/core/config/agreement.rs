@@ -37,6 +37,10 @@ impl Config {
                 keys.insert(format!("{table}.{key}"), value.to_string());
             }
         }
+        // What joints are called, for clients.
+        keys.extend(
+            serde_json::to_string(&self.robot.joint_names()).map(|names| ("robot.joints".into(), names)),
+        );
         keys
     }
 }

@@ -12,7 +12,7 @@ use super::{Cause, RunEvidence, RunFinding};
 use crate::config::DriveKind;
 use crate::dispatch_robot;
 use crate::drive::CommandMode;
-use crate::robot::Robot;
+use crate::robot::{Robot, joint_in_words};
 use nalgebra::SVector;
 use std::f64::consts::TAU;
 
@@ -68,12 +68,15 @@ pub(super) fn findings(evidence: &RunEvidence) -> Option<RunFinding> {
 fn of_robot<const N: usize>(robot: &Robot<N>, evidence: &RunEvidence) -> Option<RunFinding> {
     let ArmRest { joints, frequency } = rests(robot, evidence)?;
     let matter: Vec<(usize, JointRest)> =
-        (1..).zip(joints).filter(|(_, rest)| rest.share > MATTERS).collect();
+        (0..).zip(joints).filter(|(_, rest)| rest.share > MATTERS).collect();
     let like: Vec<_> = matter.iter().filter(|(_, r)| r.correlation > LIKE_ROTOR).collect();
     let unlike = matter.iter().filter(|(_, r)| r.correlation < UNLIKE_ROTOR).count();
     let turns_itself = |(_, r): &(usize, JointRest)| r.share > TURNS_ITSELF && r.correlation > FOLLOWS;
     let list = |rests: &[&(usize, JointRest)], text: fn(&JointRest) -> String| {
-        let words: Vec<_> = rests.iter().map(|(number, rest)| format!("{number}: {}", text(rest))).collect();
+        let words: Vec<_> = rests
+            .iter()
+            .map(|(i, rest)| format!("{}: {}", joint_in_words(robot.joint_names(), *i), text(rest)))
+            .collect();
         words.join(", ")
     };
     let correlations = |rests: &[&(usize, JointRest)]| list(rests, |rest| format!("{:.2}", rest.correlation));
@@ -85,7 +88,7 @@ fn of_robot<const N: usize>(robot: &Robot<N>, evidence: &RunEvidence) -> Option<
             cause: Cause::ShakingBase,
             what: format!("the base of the arm shakes, with {hz:.1} Hz"),
             evidence: format!(
-                "what the model of the arm leaves of the torques swings with that frequency all the time ({:.0} % of it), whatever the joints do (joints {})",
+                "what the model of the arm leaves of the torques swings with that frequency all the time ({:.0} % of it), whatever the joints do ({})",
                 share * 100.0,
                 list(&all, |rest| format!("{:.0} %", rest.share * 100.0))
             ),
@@ -98,7 +101,7 @@ fn of_robot<const N: usize>(robot: &Robot<N>, evidence: &RunEvidence) -> Option<
             cause: Cause::UntoldRotors,
             what: "the motors' rotors have inertia that the robot file does not tell".into(),
             evidence: format!(
-                "torques exceed those of the model in proportion to each joint's own acceleration (correlation of joints {}), as if there were kg m2 or kg more in joints {}",
+                "torques exceed those of the model in proportion to each joint's own acceleration (correlation: {}), as if there were kg m2 or kg more ({})",
                 correlations(&like),
                 list(&like, |rest| format!("{:.3}", rest.inertia))
             ),
@@ -111,7 +114,7 @@ fn of_robot<const N: usize>(robot: &Robot<N>, evidence: &RunEvidence) -> Option<
         what: "the joints yield: their gears are springs, on which the links swing".into(),
         evidence: format!(
             "what the model leaves of the torques follows the acceleration in joints whose motors turn little more than themselves, and not in the others \
-             (correlation of joints {})",
+             (correlation: {})",
             correlations(&all)
         ),
         change: "motion.natural_frequency_rad_s and servo.gain_1_s lower, motion.max_jerk_rad_s3_or_m_s3 lower; the drive's own loop, where it has one (drive.mode = \"velocity\" or \"position\")".into(),

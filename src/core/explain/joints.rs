@@ -5,6 +5,7 @@ use crate::config::DriveKind;
 use crate::control::outcome::Outcome;
 use crate::control::safety::Fault;
 use crate::drive::CommandMode;
+use crate::robot::joint_in_words;
 
 /// Ticks over which the answer to a torque is searched. Chosen by hand: a drive that is later than that moves no arm.
 const LATEST: usize = 80;
@@ -24,6 +25,8 @@ const STANDS: usize = 20;
 /// The columns of one joint.
 struct JointColumns<'a> {
     number: usize,
+    /// What it is called.
+    called: String,
     q: &'a [f64],
     qd: &'a [f64],
     q_r: &'a [f64],
@@ -32,9 +35,11 @@ struct JointColumns<'a> {
 }
 
 fn joints(evidence: &RunEvidence) -> Vec<JointColumns<'_>> {
+    let names = evidence.config.robot.joint_names();
     let column = |name: &str, number: usize| evidence.trace.numbers(&format!("{name}_{number}"));
     let joint = |number| JointColumns {
         number,
+        called: joint_in_words(&names, number - 1),
         q: column("q", number),
         qd: column("qd", number),
         q_r: column("q_r", number),
@@ -73,8 +78,8 @@ fn fault(evidence: &RunEvidence, joints: &[JointColumns<'_>]) -> Option<RunFindi
         return Some(RunFinding {
             cause: Cause::Jammed,
             what: format!(
-                "joint {} was stopped from one tick to the next, and stands: it is jammed, braked, or ran against something hard",
-                joint.number
+                "{} was stopped from one tick to the next, and stands: it is jammed, braked, or ran against something hard",
+                joint.called
             ),
             evidence: format!(
                 "at {:.3} s it moved with {speed:.3} rad/s or m/s, a tick later not at all, and does not follow its reference any more",
@@ -119,9 +124,9 @@ fn does_not_follow(evidence: &RunEvidence, joints: &[JointColumns<'_>]) -> RunFi
     let evidence = worst.map_or(String::new(), |joint| {
         let limit = evidence.config.robot.joints.get(joint.number - 1).map_or(f64::NAN, |j| j.limits.effort);
         format!(
-            "joint {} was {:.4} rad or m from its reference at the end; its reference moved with up to {:.3}, it with {:.3} rad/s or m/s; its drive gave up \
+            "{} was {:.4} rad or m from its reference at the end; its reference moved with up to {:.3}, it with {:.3} rad/s or m/s; its drive gave up \
              to {:.0} % of its largest effort",
-            joint.number,
+            joint.called,
             off(&joint),
             greatest(joint.qd_r),
             greatest(joint.qd),
@@ -239,11 +244,20 @@ fn encoders(evidence: &RunEvidence, joints: &[JointColumns<'_>]) -> Option<RunFi
 /// What it was found to carry.
 fn load(evidence: &RunEvidence) -> Option<RunFinding> {
     let payload = evidence.summary.payload.as_ref()?;
-    let [x, y, z] = payload.com_m;
+    let com = match payload.com_m {
+        Some([x, y, z]) => format!("tool.com_m = [{x:.3}, {y:.3}, {z:.3}]"),
+        None => {
+            "its centre of mass (tool.com_m) does not show in this motion: `vservo calibrate load` finds it"
+                .into()
+        }
+    };
     Some(RunFinding {
         cause: Cause::Load,
         what: format!("the arm carries {:.2} kg that the run file does not tell", payload.mass_kg),
-        evidence: "the torques with which it stands and moves, against those of its model".into(),
-        change: format!("tool.mass_kg = {:.2}, tool.com_m = [{x:.3}, {y:.3}, {z:.3}]", payload.mass_kg),
+        evidence: format!(
+            "the torques with which it stands and moves, against those of its model (standard deviation {:.2} kg)",
+            payload.mass_sd_kg
+        ),
+        change: format!("tool.mass_kg = {:.2}; {com}", payload.mass_kg),
     })
 }

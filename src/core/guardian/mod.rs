@@ -16,8 +16,8 @@ mod space;
 pub use space::{GuardedAxis, GuardedSide, GuardedSpace, GuardedSphere, GuardedVector};
 
 use crate::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, drive_flag};
+use crate::robot::joint_in_words;
 use crate::time::{MonoNs, SpanNs, TICK};
-use std::fmt;
 
 /// Longest time that counts as silence between two looks. Chosen by hand: two periods of looks, so that a late look counts in full, and one after a suspension hardly.
 const LONGEST_LOOK: SpanNs = SpanNs(2_000_000);
@@ -99,7 +99,7 @@ pub enum GuardedNumber {
     MeasuredSpeed,
 }
 
-/// Why the arm is to be stopped. Joints count from 1.
+/// Why the arm is to be stopped. Joints count from 0.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum GuardianFinding {
     /// No command came.
@@ -130,12 +130,12 @@ pub enum GuardianFinding {
     },
     /// A commanded number that is none.
     NotFinite {
-        /// Whose.
+        /// Whose, from 0.
         joint: usize,
     },
     /// A number beyond its limit.
     Beyond {
-        /// Whose.
+        /// Whose, from 0.
         joint: usize,
         /// Which.
         what: GuardedNumber,
@@ -146,28 +146,32 @@ pub enum GuardianFinding {
     },
 }
 
-impl fmt::Display for GuardianFinding {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+impl GuardianFinding {
+    /// The description for people, of an arm whose joints have these `names`.
+    #[must_use]
+    pub fn describe(&self, names: &[String]) -> String {
         match *self {
             Self::Silent { silence, life } => {
-                write!(f, "no command from control for {:.1} ms", silence.as_s() * 1e3)?;
-                f.write_str(match life {
+                let life = match life {
                     ControlLife::Runs => "",
                     ControlLife::Suspended => ", whose process is suspended",
                     ControlLife::Dead => ", whose process has ended",
-                })
+                };
+                format!("no command from control for {:.1} ms{life}", silence.as_s() * 1e3)
             }
             Self::Blind { silence } => {
                 let ms = silence.as_s() * 1e3;
-                write!(f, "control moves the arm, and no state has come from the drive for {ms:.1} ms")
+                format!("control moves the arm, and no state has come from the drive for {ms:.1} ms")
             }
             Self::Outside { sphere, beyond_m } => {
-                write!(f, "point {sphere} of the arm is {beyond_m:.4} m beyond a plane of [workspace]")
+                format!("point {sphere} of the arm is {beyond_m:.4} m beyond a plane of [workspace]")
             }
             Self::Malformed { joints, mode } => {
-                write!(f, "a command of {joints} joints in mode {mode}, which is not what the run began with")
+                format!("a command of {joints} joints in mode {mode}, which is not what the run began with")
             }
-            Self::NotFinite { joint } => write!(f, "joint {joint} is commanded a number that is none"),
+            Self::NotFinite { joint } => {
+                format!("{} is commanded a number that is none", joint_in_words(names, joint))
+            }
             Self::Beyond { joint, what, value, limit } => {
                 let (what, unit) = match what {
                     GuardedNumber::Position => ("commanded to", " rad or m"),
@@ -177,7 +181,7 @@ impl fmt::Display for GuardianFinding {
                     GuardedNumber::Effort => ("commanded", " N m or N"),
                     GuardedNumber::MeasuredSpeed => ("measured at", " rad/s or m/s"),
                 };
-                write!(f, "joint {joint} is {what} {value:.4}{unit}, beyond {limit:.4}")
+                format!("{} is {what} {value:.4}{unit}, beyond {limit:.4}", joint_in_words(names, joint))
             }
         }
     }
@@ -379,7 +383,7 @@ impl Guardian {
         let of = |i: usize| {
             let (q, qd, tau) = (now.q_r[i], now.qd_r[i], now.tau[i]);
             if ![q, qd, tau].iter().all(|x| x.is_finite()) {
-                return Some(GuardianFinding::NotFinite { joint: i + 1 });
+                return Some(GuardianFinding::NotFinite { joint: i });
             }
             let limits = &self.limits;
             let found = self.beyond(i, GuardedNumber::Velocity, qd, limits.velocity[i]).or_else(|| {
@@ -398,7 +402,7 @@ impl Guardian {
             };
             let is_out = out > 0.0 && (q - end).abs() > ROUNDING;
             let leaves =
-                GuardianFinding::Beyond { joint: i + 1, what: GuardedNumber::Position, value: q, limit: end };
+                GuardianFinding::Beyond { joint: i, what: GuardedNumber::Position, value: q, limit: end };
             let acceleration = || {
                 let step = rounded(qd - before.qd_r[i]) / dt;
                 self.beyond(i, GuardedNumber::Acceleration, step, limits.acceleration[i])
@@ -417,7 +421,7 @@ impl Guardian {
     fn beyond(&self, i: usize, what: GuardedNumber, value: f64, limit: f64) -> Option<GuardianFinding> {
         // Written so that a limit or a number that is none is beyond.
         let is_within = value.abs() <= limit * (1.0 + TOLERANCE) + ROUNDING;
-        (!is_within).then_some(GuardianFinding::Beyond { joint: i + 1, what, value, limit })
+        (!is_within).then_some(GuardianFinding::Beyond { joint: i, what, value, limit })
     }
 }
 

@@ -190,19 +190,9 @@ impl<const N: usize> JointObserver<N> {
         })
     }
 
-    /// Its standard deviation.
-    pub(super) fn friction_sd(&self) -> SVector<f64, N> {
-        self.confirmed.sd()
-    }
-
     /// Whether each joint has been found to stick.
     pub(super) fn sticks(&self) -> [bool; N] {
         std::array::from_fn(|i| self.sticking.stiffness()[i] > 0.0)
-    }
-
-    /// The share of the model's friction that has been confirmed.
-    pub(super) fn confirmed_share(&self) -> SVector<f64, N> {
-        *self.confirmed.share()
     }
 
     /// The friction of each joint of `robot`, of which the share is compensated: that of its file, or what is looked for where the file tells none.

@@ -1,5 +1,6 @@
 //! Which limit acts on which joint, now and for how long.
 
+use crate::robot::joint_in_words;
 use crate::time::{MonoNs, SpanNs};
 
 /// A limit that acts for so long is reported. Chosen by hand: a start or a reversal within the usual limits takes less, so that it is not.
@@ -133,16 +134,16 @@ pub struct LongActing {
 }
 
 impl LongActing {
-    /// The description for people; joints are counted from 1.
+    /// The description for people, of an arm whose joints have these `names`.
     #[must_use]
-    pub fn describe(&self) -> String {
+    pub fn describe(&self, names: &[String]) -> String {
         let what = self.limit.describe();
         if matches!(self.limit, Limit::Singularity | Limit::View | Limit::Workspace) {
             return format!("{what} the arm for {:.0} s now", LONG.as_s());
         }
         let joints: Vec<String> =
-            (0..8).filter(|i| self.joints >> i & 1 == 1).map(|i| (i + 1).to_string()).collect();
-        format!("{what} joint {} for {:.0} s now", joints.join(", "), LONG.as_s())
+            (0..8).filter(|i| self.joints >> i & 1 == 1).map(|i| joint_in_words(names, i)).collect();
+        format!("{what} {} for {:.0} s now", joints.join(", "), LONG.as_s())
     }
 }
 
@@ -210,7 +211,8 @@ mod tests {
             watch.note(now, &acting, |long| told.push((ms, long)));
         }
         assert_eq!(told.iter().map(|t| t.0).collect::<Vec<_>>(), [1000, 2501]);
-        assert_eq!(told[0].1.describe(), "the velocity limit slows down joint 2 for 1 s now");
+        let names = ["base".to_owned(), "elbow".to_owned()];
+        assert_eq!(told[0].1.describe(&names), "the velocity limit slows down joint \"elbow\" for 1 s now");
         assert_eq!(watch.ticks(Limit::Velocity), 2999);
         assert_eq!(watch.ticks(Limit::Jerk), 0);
     }

@@ -31,6 +31,7 @@ pub use joint_control::{InverseDynamicsControl, JointController, JointLaw, Joint
 pub use joint_observer::ObserverSettings;
 pub use limits::{ActingLimits, Limit, LimitWatch, LongActing};
 pub use motion_limits::MotionLimits;
+pub use payload_estimator::PayloadFound;
 pub use reference::{Reference, ReferenceState};
 pub use singularity::damp_singularity;
 pub use time_optimal::min_time_s;

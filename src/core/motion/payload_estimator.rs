@@ -4,11 +4,12 @@
 //! that was applied, minus that of the model for the measured motion and minus friction, is
 //!
 //! ```text
-//! y = tau - (B qdd + C qd + g) - F(qd) = Y(q, qd, qdd) (m, h) + errors
+//! y = tau - (B qdd + C qd + g) - F(qd) = Y(q, qd, qdd) (m, h) + phi F(qd) + errors
 //! ```
-//! and `(m, h)` follows by least squares with a prior. The errors are not noise that a mean takes away: friction that differs from the
-//! model keeps its sign for as long as a joint moves one way. So a joint counts once for each [`WAY`] that it moves, however long that
-//! takes, and errors are stated as large as models are wrong: all of the friction where it was not confirmed, [`EFFORT`] of the largest effort, and inertias
+//! and `(m, h)` follows by least squares with a prior, and with each joint's own `phi`, the share by which its friction differs from the model's: that of a probed joint
+//! cannot be told from a payload that is not known yet. It is eliminated joint by joint. The errors are not noise that a mean takes away: gears rub as they like
+//! for as long as a joint moves one way. So a joint counts once for each [`WAY`] that it moves, however long that
+//! takes, and errors are stated as large as models are wrong: [`SHAPE`] of the friction, all of it about standstill, [`EFFORT`] of the largest effort, and inertias
 //! of rotors that no file tells. What is found is used only when it explains the torques far better than no payload does: an arm that
 //! is its model stays its model.
 //!
@@ -19,7 +20,7 @@ use crate::robot::Robot;
 use crate::time::TICK;
 use nalgebra::{Matrix4, SMatrix, SVector, Vector3, Vector4};
 
-/// Ticks of a window. Chosen by hand: long enough that a command that acts some ticks late hardly changes its mean, short against the 0.1 s in which an
+/// Ticks of a window, beside those until the next state of a slower drive. Chosen by hand: long enough that a command that acts some ticks late hardly changes its mean, short against the 0.1 s in which an
 /// arm begins to move.
 pub(super) const WINDOW: u32 = 10;
 /// Standard deviations of the prior: mass, kg, and first moment, kg m. Chosen by hand: arms that a person can stand beside are rated for up to 16 kg,
@@ -29,6 +30,10 @@ const PRIOR_KG_M: f64 = 0.3;
 /// Error of a joint's torque as a share of its largest effort: what gears rub that no file tells. Chosen by hand, and not varied;
 /// arms with untold friction of 5 % are known.
 const EFFORT: f64 = 0.02;
+/// Standard deviation of the share by which a joint's friction differs from the model's. Chosen by hand: from none to twice the model's friction is what arms are tested with.
+const FRICTION: f64 = 1.0;
+/// Errors of a moving joint's friction beside that, as a share of it: another course over the speed. Chosen by hand.
+const SHAPE: f64 = 0.1;
 /// Inertia of a joint that no file tells, times acceleration, as a share of its largest effort at 1 rad/s^2 or m/s^2: chosen by hand, because joints are built to
 /// accelerate at some 100 rad/s^2 at most, so a rotor takes up to a hundredth.
 pub(super) const ROTOR: f64 = 0.01;
@@ -52,6 +57,8 @@ const SAME: f64 = 1e-4;
 /// Share of a new window in the mean of recent ones: a memory of 0.1 s. Chosen by hand: what a payload weighs in one posture is learnt by the observer of
 /// external torques in that time.
 const RECENT: f64 = 0.1;
+/// Radius at which a payload's mass lies for its moments of inertia, as a standard deviation, m. Derived from [`PRIOR_KG_M`]: as far as the centre of mass of a gripper of 3 kg.
+const RADIUS_M: f64 = 0.1;
 /// Farthest centre of mass from the flange that is believed, m. Chosen by hand: twice what grippers have.
 const FARTHEST_M: f64 = 0.3;
 /// Largest mass that is believed, kg. Chosen by hand: three times the prior's deviation.
@@ -73,10 +80,8 @@ pub(super) struct JointTick<const N: usize> {
     /// Positions and velocities at the end of the tick.
     pub(super) q: SVector<f64, N>,
     pub(super) qd: SVector<f64, N>,
-    /// Share of the model's friction that is compensated.
-    pub(super) friction_share: SVector<f64, N>,
-    /// Standard deviation of that share.
-    pub(super) friction_sd: SVector<f64, N>,
+    /// Whether that is of a new state of the drive.
+    pub(super) is_new: bool,
     /// Acceleration that coarse encoders do not distinguish from none in a window, as a torque, N m or N.
     pub(super) noise: SVector<f64, N>,
 }
@@ -95,18 +100,29 @@ pub(super) struct PayloadEstimator<const N: usize> {
     sample: Option<Sample<N>>,
     columns: usize,
     Y: SMatrix<f64, N, 4>,
+    /// That of the last window.
+    last_Y: SMatrix<f64, N, 4>,
     /// Weights that are left to the joints until they have moved on.
     fresh: SVector<f64, N>,
     information: Matrix4<f64>,
     right: Vector4<f64>,
     /// Sum of the weighted squares of the torques.
     squares: f64,
+    friction: [FrictionSums; N],
     /// Mass and first moment about the flange that are in the model.
     believed: Vector4<f64>,
     is_confirmed: bool,
     /// Mean of `Y` over the last windows, and the variance of what a payload that is not known takes beyond that mean, (N m)^2 or N^2.
     mean_Y: Option<SMatrix<f64, N, 4>>,
     doubt: SVector<f64, N>,
+}
+
+/// Weighted sums over the windows of a joint with its friction by the model, `F`: of `F Y`, `F^2` and `F y`.
+#[derive(Debug, Clone, Copy, Default)]
+struct FrictionSums {
+    by_Y: Vector4<f64>,
+    by_F: f64,
+    by_y: f64,
 }
 
 /// The means of a window.
@@ -135,10 +151,12 @@ impl<const N: usize> PayloadEstimator<N> {
             sample: None,
             columns: 0,
             Y: SMatrix::zeros(),
+            last_Y: SMatrix::zeros(),
             fresh: SVector::repeat(1.0),
             information: Matrix4::zeros(),
             right: Vector4::zeros(),
             squares: 0.0,
+            friction: [FrictionSums::default(); N],
             believed: Vector4::zeros(),
             is_confirmed: false,
             mean_Y: None,
@@ -151,11 +169,6 @@ impl<const N: usize> PayloadEstimator<N> {
         &self.loaded
     }
 
-    /// The payload that was found: its mass, kg, and its centre of mass in the flange's frame, m; `None` where there is none.
-    pub(super) fn payload(&self) -> Option<(f64, Vector3<f64>)> {
-        (!self.is_new()).then(|| mass_and_com(&self.believed))
-    }
-
     /// The arm has rotors with the inertia `change` more, kg m^2 or kg. What was learnt without them of a payload that is not believed yet may have been they.
     pub(super) fn add_rotors(&mut self, change: &SVector<f64, N>) {
         for (i, change) in change.iter().enumerate() {
@@ -164,7 +177,40 @@ impl<const N: usize> PayloadEstimator<N> {
         }
         if self.is_new() {
             (self.information, self.right, self.squares) = (Matrix4::zeros(), Vector4::zeros(), 0.0);
+            self.friction = [FrictionSums::default(); N];
+            self.fresh = SVector::repeat(1.0);
         }
+    }
+
+    /// The payload that was found, as it most likely is; the model may have its centre of mass nearer to the flange. `None` where there is none.
+    pub(super) fn payload(&self) -> Option<PayloadFound> {
+        let PayloadEstimate { found, covariance, .. } = self.estimate();
+        (!self.is_new()).then(|| {
+            let (mass, com) = mass_and_com(&found);
+            // h = m c: of the centre of mass is what is left of the moment's beside the mass's.
+            let com_var = |k: usize| {
+                let c = com[k - 1];
+                covariance[(k, k)] - 2.0 * c * covariance[(0, k)] + c * c * covariance[(0, 0)]
+            };
+            PayloadFound {
+                mass,
+                mass_sd: covariance[(0, 0)].max(0.0).sqrt(),
+                com,
+                com_sd: Vector3::from_fn(|k, _| com_var(k + 1).max(0.0).sqrt() / mass),
+            }
+        })
+    }
+
+    /// What the torques say of a payload beyond the model's.
+    pub(super) fn unmodelled(&self) -> UnmodelledPayload {
+        let PayloadEstimate { found, covariance, .. } = self.estimate();
+        let inertia_sd = found[0].max(0.0) * RADIUS_M * RADIUS_M;
+        UnmodelledPayload { mean: found - self.believed, covariance, inertia_sd }
+    }
+
+    /// The derivatives of the torques by mass and first moment in the last window that has ended.
+    pub(super) fn derivatives(&self) -> &SMatrix<f64, N, 4> {
+        &self.last_Y
     }
 
     /// Whether none of it is in the model yet.
@@ -221,12 +267,12 @@ impl<const N: usize> PayloadEstimator<N> {
     /// Takes in what the joints did in the tick in which the torques `tau` acted, N m or N; whether the payload is to be [taken](Self::adopt).
     pub(super) fn note(&mut self, tau: &SVector<f64, N>, motion: &JointTick<N>) -> bool {
         let Some((q, qd)) = self.start else {
-            self.start = Some((motion.q, motion.qd));
+            self.start = motion.is_new.then_some((motion.q, motion.qd));
             return false;
         };
         self.tau += tau;
         self.ticks += 1;
-        if self.ticks == WINDOW {
+        if self.ticks >= WINDOW && motion.is_new {
             self.sample = Some(self.sample_of((q, qd), motion));
             self.columns = 0;
             self.skip();
@@ -241,8 +287,9 @@ impl<const N: usize> PayloadEstimator<N> {
         }
         let sample = *sample;
         self.sample = None;
+        self.last_Y = self.Y;
         self.learn(&sample);
-        let PayloadEstimate { payload: wanted, is_clear, covariance } = self.estimate();
+        let PayloadEstimate { payload: wanted, is_clear, covariance, .. } = self.estimate();
         self.is_confirmed |= is_clear;
         let mean = *self.mean_Y.get_or_insert(self.Y);
         let varied = self.Y - mean;
@@ -251,29 +298,29 @@ impl<const N: usize> PayloadEstimator<N> {
         self.is_confirmed && (wanted - self.believed).amax() > SAME
     }
 
-    /// Puts the estimate into the model where none is yet, else moves the model towards it.
-    pub(super) fn adopt(&mut self) {
+    /// Puts the estimate into the model where none is yet, else moves the model towards it; the change of mass and first moment, kg and kg m.
+    pub(super) fn adopt(&mut self) -> Vector4<f64> {
         let sure = self.estimate().payload;
-        self.believed += (sure - self.believed) * if self.is_new() { 1.0 } else { FOLLOW };
+        let change = (sure - self.believed) * if self.is_new() { 1.0 } else { FOLLOW };
+        self.believed += change;
         let believed = self.believed;
         self.carry(&believed);
+        change
     }
 
     fn sample_of(&self, start: (SVector<f64, N>, SVector<f64, N>), end: &JointTick<N>) -> Sample<N> {
         let (q, qd) = ((start.0 + end.q) * 0.5, (start.1 + end.qd) * 0.5);
-        let window_s = f64::from(WINDOW) * TICK.as_s();
-        let qdd = (end.qd - start.1) / window_s;
-        let friction = self.bare.friction_torque(&qd).component_mul(&end.friction_share);
+        let ticks = f64::from(self.ticks);
+        let qdd = (end.qd - start.1) / (ticks * TICK.as_s());
+        let friction = self.bare.friction_torque(&qd);
         let sd = SVector::from_fn(|i, _| {
-            let model = &self.bare.friction()[i];
             let effort = self.bare.limits()[i].effort;
-            let coulomb =
-                if qd[i].abs() < MOVES { model.coulomb } else { end.friction_sd[i] * model.coulomb };
-            let rubs = coulomb + end.friction_sd[i] * model.viscous * qd[i].abs();
+            let stands = qd[i].abs() < MOVES;
+            let rubs = if stands { self.bare.friction()[i].coulomb } else { SHAPE * friction[i] };
             let turns = ROTOR * effort * qdd[i].abs();
             (rubs * rubs + turns * turns + (EFFORT * effort).powi(2) + end.noise[i].powi(2)).sqrt()
         });
-        let tau = self.tau / f64::from(WINDOW);
+        let tau = self.tau / ticks;
         Sample { q, qd, qdd, tau, friction, sd, moved: end.q - start.0 }
     }
 
@@ -288,6 +335,10 @@ impl<const N: usize> PayloadEstimator<N> {
                 self.information += row.transpose() * row * weight;
                 self.right += row.transpose() * (y[i] * weight);
                 self.squares += weight * y[i] * y[i];
+                let (F, sums) = (sample.friction[i], &mut self.friction[i]);
+                sums.by_Y += row.transpose() * (F * weight);
+                sums.by_F += F * F * weight;
+                sums.by_y += F * y[i] * weight;
             }
         }
     }
@@ -296,13 +347,25 @@ impl<const N: usize> PayloadEstimator<N> {
     /// none.
     fn estimate(&self) -> PayloadEstimate {
         let (m, h) = (PRIOR_KG.powi(-2), PRIOR_KG_M.powi(-2));
-        let A = self.information + Matrix4::from_diagonal(&Vector4::new(m, h, h, h));
+        let mut A = self.information + Matrix4::from_diagonal(&Vector4::new(m, h, h, h));
+        let (mut right, mut squares) = (self.right, self.squares);
+        for FrictionSums { by_Y, by_F, by_y } in &self.friction {
+            let per = 1.0 / (by_F + FRICTION.powi(-2));
+            A -= by_Y * by_Y.transpose() * per;
+            right -= by_Y * (by_y * per);
+            squares -= by_y * by_y * per;
+        }
         let Some(factors) = Ldlt::of(&A) else {
-            return PayloadEstimate { payload: self.believed, is_clear: false, covariance: Matrix4::zeros() };
+            return PayloadEstimate {
+                found: self.believed,
+                payload: self.believed,
+                is_clear: false,
+                covariance: Matrix4::zeros(),
+            };
         };
-        let found: Vector4<f64> = factors.solve(&self.right.into()).into();
-        let explained = self.right.dot(&found);
-        let is_clear = explained > CONFIRMED && explained > EXPLAINED * self.squares && found[0] > 0.0;
+        let found: Vector4<f64> = factors.solve(&right.into()).into();
+        let explained = right.dot(&found);
+        let is_clear = explained > CONFIRMED && explained > EXPLAINED * squares && found[0] > 0.0;
         let covariance = Matrix4::from(factors.inverse());
         let mut sure = found;
         for k in 1..4 {
@@ -311,17 +374,40 @@ impl<const N: usize> PayloadEstimator<N> {
         let mass = found[0].clamp(0.0, MOST_KG);
         let far = sure.fixed_rows::<3>(1).norm();
         let h = sure.fixed_rows::<3>(1) * (FARTHEST_M * mass / far.max(f64::MIN_POSITIVE)).min(1.0);
-        PayloadEstimate { payload: Vector4::new(mass, h.x, h.y, h.z), is_clear, covariance }
+        PayloadEstimate { found, payload: Vector4::new(mass, h.x, h.y, h.z), is_clear, covariance }
     }
 }
 
 /// What the torques say of the payload.
 struct PayloadEstimate {
-    /// Mass and first moment.
+    /// Mass and first moment that are likely, and those that are to be in the model.
+    found: Vector4<f64>,
     payload: Vector4<f64>,
     /// Whether it explains the torques clearly better than none.
     is_clear: bool,
     covariance: Matrix4<f64>,
+}
+
+/// A payload that was found.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PayloadFound {
+    /// Mass, kg.
+    pub mass: f64,
+    /// Its standard deviation, kg.
+    pub mass_sd: f64,
+    /// Centre of mass in the flange's frame, m.
+    pub com: Vector3<f64>,
+    /// Its standard deviation along each axis, m.
+    pub com_sd: Vector3<f64>,
+}
+
+/// What a payload has that is not in the model.
+pub(super) struct UnmodelledPayload {
+    /// Mass and first moment, kg and kg m.
+    pub(super) mean: Vector4<f64>,
+    pub(super) covariance: Matrix4<f64>,
+    /// Moments of inertia of all of it beyond a point mass, as a standard deviation, kg m^2.
+    pub(super) inertia_sd: f64,
 }
 
 /// Mass, kg, and centre of mass, m, of a mass and its first moment.

@@ -11,13 +11,17 @@
 //!
 //! What makes a joint stop or stick (contact, a jam, Coulomb friction) takes torque while the acceleration is negative, and looks like less inertia. So only inertia
 //! that is clearly more than the model's is believed, and of that what is certain.
+//!
+//! A payload that is not in the model takes `Y (m, h)` of the torques ([payload estimator](super::payload_estimator)), and looks like more inertia. The derivative `S` of the
+//! four numbers by `(m, h)` goes through the filter beside them, `S <- (1 - K x^T) S + K Y`: when a payload is put into the model its part is taken out of them by `S`, and
+//! what is not sure of it makes a rotor unsure that is told.
 
-use super::payload_estimator::MOVES;
+use super::payload_estimator::{MOVES, UnmodelledPayload};
 use crate::robot::Robot;
 use crate::time::TICK;
-use nalgebra::{Matrix4, SVector, Vector4};
+use nalgebra::{Matrix4, SMatrix, SVector, Vector4};
 
-/// Ticks of a window. Chosen by hand: half of it would take four times the noise of coarse encoders, and double would find a rotor when the arm has already
+/// Ticks of a window, beside those until the next state of a slower drive. Chosen by hand: half of it would take four times the noise of coarse encoders, and double would find a rotor when the arm has already
 /// accelerated for as long as it takes to fall behind.
 const WINDOW: u32 = 10;
 /// Standard deviation of a rotor's inertia beyond the model, in units of the one that is [likely](crate::robot::JointLimits::likely_rotor), beside once the joint's own
@@ -61,6 +65,7 @@ pub(super) struct RotorEstimator<const N: usize> {
     rising: SVector<f64, N>,
     rose: SVector<f64, N>,
     ticks: u32,
+    ticks_before: u32,
     /// What is taken in next, one joint in a tick so that no tick has all the work, and the joint that is next.
     sample: Option<RotorSample<N>>,
     next: usize,
@@ -82,6 +87,8 @@ struct RotorSample<const N: usize> {
     friction: SVector<f64, N>,
     tau_dot: SVector<f64, N>,
     hidden: SVector<f64, N>,
+    /// Derivatives of the torques by mass and first moment of a payload.
+    Y: SMatrix<f64, N, 4>,
 }
 
 /// The filter of one joint: the drifting part, the rotor's inertia, viscous friction and the delay.
@@ -89,6 +96,8 @@ struct RotorSample<const N: usize> {
 struct RotorFilter {
     theta: Vector4<f64>,
     P: Matrix4<f64>,
+    /// Derivative of `theta` by mass and first moment of a payload that is not in the model, by kg and by kg m.
+    S: Matrix4<f64>,
     /// Velocity in the last sample, rad/s or m/s.
     qd: f64,
     effort: f64,
@@ -106,6 +115,7 @@ impl<const N: usize> RotorEstimator<N> {
             RotorFilter {
                 theta: Vector4::zeros(),
                 P: Matrix4::from_diagonal(&sd.component_mul(&sd)),
+                S: Matrix4::zeros(),
                 qd: 0.0,
                 effort,
                 coulomb: robot.friction()[i].coulomb + FRICTION * effort,
@@ -119,6 +129,7 @@ impl<const N: usize> RotorEstimator<N> {
             rising: zero,
             rose: zero,
             ticks: 0,
+            ticks_before: 0,
             sample: None,
             next: N,
             tau_before: None,
@@ -156,25 +167,41 @@ impl<const N: usize> RotorEstimator<N> {
         change
     }
 
-    /// Takes in where the joints are after a tick in which the torques `tau` acted, N m or N: `robot` has the payload and the rotors that are believed.
+    /// The model has a payload whose mass and first moment are `more`, kg and kg m: what it takes is in it now, and none of it the rotors'.
+    pub(super) fn payload_changed(&mut self, more: &Vector4<f64>) {
+        self.joints.iter_mut().for_each(|joint| joint.theta -= joint.S * more);
+    }
+
+    /// The inertia of rotors beyond the model's, and its standard deviation, kg m^2 or kg, of joints that have some whatever the arm carries; 0 for the others. `payload` is
+    /// what is not in the model of it, `own` the inertia of each joint, [those that are believed](Self::believed) included.
+    pub(super) fn sure(&self, payload: &UnmodelledPayload, own: &SVector<f64, N>) -> [SVector<f64, N>; 2] {
+        let of = |i: usize| self.joints[i].sure(payload, own[i] - self.believed[i]);
+        let sure: [_; N] = std::array::from_fn(|i| of(i).filter(|_| self.believed[i] > 0.0));
+        [0, 1].map(|k| SVector::from_fn(|i, _| sure[i].map_or(0.0, |of| of[k])))
+    }
+
+    /// Takes in where the joints are after a tick in which the torques `tau` acted, N m or N; `q` is `None` where no new state came. `robot` has the payload and the rotors that are believed, and `Y` are the
+    /// derivatives of the torques by mass and first moment of a payload, as they were up to some windows ago.
     /// `inertia_and_step`: of each joint while the others are free, kg m^2 or kg, and of its encoder, rad or m. Whether what is believed is to [change](Self::adopt).
     pub(super) fn note(
         &mut self,
-        robot: &Robot<N>,
+        (robot, Y): (&Robot<N>, &SMatrix<f64, N, 4>),
         tau: &SVector<f64, N>,
-        q: &SVector<f64, N>,
+        q: Option<&SVector<f64, N>>,
         inertia_and_step: (&SVector<f64, N>, &SVector<f64, N>),
     ) -> bool {
         let Some(last) = self.last else {
-            (self.last, self.ticks) = (Some(*q), 0);
+            (self.last, self.ticks) = (q.copied(), 0);
             (self.sum, self.rising) = (SVector::zeros(), SVector::zeros());
             return false;
         };
         self.rising += tau * (f64::from(self.ticks) + 0.5);
         self.sum += tau;
         self.ticks += 1;
-        if self.ticks == WINDOW {
-            self.end_window(robot, &last, q, inertia_and_step);
+        if self.ticks >= WINDOW
+            && let Some(q) = q
+        {
+            self.end_window((robot, Y), &last, q, inertia_and_step);
         }
         let Some(sample) = &self.sample else { return false };
         if let Some(joint) = self.joints.get_mut(self.next) {
@@ -189,17 +216,20 @@ impl<const N: usize> RotorEstimator<N> {
 
     fn end_window(
         &mut self,
-        robot: &Robot<N>,
+        (robot, Y): (&Robot<N>, &SMatrix<f64, N, 4>),
         last: &SVector<f64, N>,
         q: &SVector<f64, N>,
         (inertia, step): (&SVector<f64, N>, &SVector<f64, N>),
     ) {
-        let w = f64::from(WINDOW);
-        let span_s = w * TICK.as_s();
         if let Some(before) = self.before {
-            let qd = (q - before) / (2.0 * span_s);
-            let qdd = (q - last * 2.0 + before) / (span_s * span_s);
-            let tau = (self.rose + self.sum * w - self.rising) / (w * w);
+            // The rates in both windows, of which the one before may have been longer.
+            let [a, b] = [self.ticks_before, self.ticks].map(f64::from);
+            let [a_s, b_s] = [a, b].map(|ticks| ticks * TICK.as_s());
+            let span_s = 0.5 * (a_s + b_s);
+            let [rose, rises] = [(last - before) / a_s, (q - last) / b_s];
+            let qd = (rose * b + rises * a) / (a + b);
+            let qdd = (rises - rose) / span_s;
+            let tau = (self.rose / a + self.sum - self.rising / b) * (TICK.as_s() / span_s);
             let [taken, still] = robot.inverse_dynamics_of(last, &qd, [&qdd, &SVector::zeros()]);
             let friction = robot.friction_torque(&qd);
             let tau_dot = self.tau_before.map_or(SVector::zeros(), |before| (tau - before) / span_s);
@@ -212,12 +242,13 @@ impl<const N: usize> RotorEstimator<N> {
                 friction,
                 tau_dot,
                 // A second difference of positions that are uniformly off by half a step.
-                hidden: step.component_mul(inertia) * (0.5f64.sqrt() / (span_s * span_s)),
+                hidden: step.component_mul(inertia) * (0.5f64.sqrt() / (a_s * b_s)),
+                Y: *Y,
             });
             self.next = 0;
         }
         (self.before, self.last) = (Some(*last), Some(*q));
-        self.rose = self.rising;
+        (self.rose, self.ticks_before) = (self.rising, self.ticks);
         (self.sum, self.rising, self.ticks) = (SVector::zeros(), SVector::zeros(), 0);
     }
 }
@@ -243,6 +274,7 @@ impl RotorFilter {
         let variance = expected.max(excess * excess / (DOUBTED * DOUBTED));
         let gain = Px / variance;
         self.theta += gain * excess;
+        self.S += gain * (sample.Y.row(i) - x.transpose() * self.S);
         // Joseph's form, with the noise that the gain is best for.
         let rest = Matrix4::identity() - gain * x.transpose();
         self.P =
@@ -257,6 +289,15 @@ impl RotorFilter {
         let is_clear = believed > 0.0 || found - CLEAR * sd > WORTH * own;
         let wanted = (found - sd).clamp(0.0, BELIEVED_S * self.effort);
         if is_clear && (wanted - believed).abs() > SAME * (own + wanted) { wanted } else { believed }
+    }
+
+    /// The inertia of the rotor without what a `payload` takes that is not in the model, and its standard deviation, where that is clearly more than none beside the inertia `own`.
+    fn sure(&self, payload: &UnmodelledPayload, own: f64) -> Option<[f64; 2]> {
+        let by = self.S.row(1);
+        let found = self.theta[1] - by.dot(&payload.mean.transpose());
+        let variance = self.P[(1, 1)] + (by * payload.covariance).dot(&by) + payload.inertia_sd.powi(2);
+        let sd = variance.max(0.0).sqrt();
+        (found - CLEAR * sd > WORTH * own).then_some([found, sd])
     }
 }
 

@@ -28,6 +28,7 @@ pub struct RunStatistics {
     /// Ticks in which each limit in space acted, by its number.
     held: [u64; SpaceLimit::COUNT],
     events: EventLog,
+    joint_names: Vec<String>,
 }
 
 /// The first events and the last ones: a fault comes last, and what led to it may have come first.
@@ -53,16 +54,10 @@ impl EventLog {
     }
 }
 
-impl Default for RunStatistics {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl RunStatistics {
-    /// Before the first tick.
+    /// Before the first tick of an arm whose joints have these names.
     #[must_use]
-    pub fn new() -> Self {
+    pub fn new(joint_names: Vec<String>) -> Self {
         Self {
             first: None,
             latencies: LatencyTable::default(),
@@ -73,6 +68,7 @@ impl RunStatistics {
             limits: LimitWatch::default(),
             held: [0; SpaceLimit::COUNT],
             events: EventLog::default(),
+            joint_names,
         }
     }
 
@@ -89,9 +85,9 @@ impl RunStatistics {
         for event in trace.events.iter() {
             self.event(trace.time, describe(event));
         }
-        let mut watch = self.limits;
-        watch.note(trace.time, &trace.limits, |long| self.event(trace.time, long.describe()));
-        self.limits = watch;
+        let (mut watch, names) = (self.limits, std::mem::take(&mut self.joint_names));
+        watch.note(trace.time, &trace.limits, |long| self.event(trace.time, long.describe(&names)));
+        (self.limits, self.joint_names) = (watch, names);
         if let Some(held) = trace.held_by.and_then(|limit| self.held.get_mut(limit.number())) {
             *held += 1;
         }
@@ -239,7 +235,7 @@ mod tests {
 
     #[test]
     fn a_late_event_is_told_however_much_happened_before() {
-        let mut statistics = RunStatistics::new();
+        let mut statistics = RunStatistics::new(Vec::new());
         for ms in 0..=1000 {
             statistics.event(MonoNs(ms * 1_000_000), format!("event {ms}"));
         }
@@ -248,6 +244,6 @@ mod tests {
         let wanted: Vec<_> = (0..32).chain(969..=1000).map(|ms| format!("event {ms}")).collect();
         assert_eq!(told, wanted);
         assert_eq!(report.gap(), Some((32, "937 events are left out here".to_owned())));
-        assert_eq!(RunStatistics::new().safety_report(ControlState::Waiting).gap(), None);
+        assert_eq!(RunStatistics::new(Vec::new()).safety_report(ControlState::Waiting).gap(), None);
     }
 }

@@ -17,7 +17,9 @@ use crate::mission::measurement_log::VerdictCounts;
 use crate::mission::{Accuracy, DescriptionError, FinalErrors, ModelError, PathTracking, contradicted_text};
 use crate::report::histogram::Quantiles;
 use crate::report::numbers::significant;
+use crate::robot::joint_in_words;
 use crate::servo::Stability;
+use found_payload::rotors_text;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -178,12 +180,18 @@ pub struct Summary {
     /// What the arm was found to carry and the run file does not tell; `null` where nothing was found.
     #[serde(default)]
     pub payload: Option<FoundPayload>,
-    /// Inertia of rotors as each joint feels it that was found and the robot file does not tell, kg m^2 or kg; empty where none was.
+    /// Inertia of rotors as each joint feels it that was found and the robot file does not tell, kg m^2 or kg: 0 for a joint whose torques may be a payload's; empty where none was.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub rotors_kg_m2_or_kg: Vec<f64>,
+    /// Its standard deviation.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub rotors_sd_kg_m2_or_kg: Vec<f64>,
     /// Measurements whose points fit the description of lens and target only with a model error; `null` where all fit.
     #[serde(default)]
     pub model_error: Option<ModelError>,
+    /// The names of the joints in the robot file, in the order of all lists of joints.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub joint_names: Vec<String>,
     /// What touched the arm and stopped it; left out where nothing did.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub contact: Option<ContactReport>,
@@ -251,9 +259,11 @@ impl Summary {
             gated_commands: 0,
             payload: None,
             rotors_kg_m2_or_kg: Vec::new(),
+            rotors_sd_kg_m2_or_kg: Vec::new(),
             model_error: None,
             contact: None,
             untrusted_encoders: Vec::new(),
+            joint_names: Vec::new(),
             state_hash: None,
             calibration: None,
             load: None,
@@ -339,24 +349,18 @@ impl Summary {
         if let Some(path) = &self.path {
             let _ = writeln!(t, "path          {}", path.describe());
         }
-        if let Some(FoundPayload { mass_kg, com_m: [x, y, z] }) = self.payload {
-            let _ = writeln!(
-                t,
-                "payload       {mass_kg:.2} kg at [{x:.3}, {y:.3}, {z:.3}] m of the flange, which [tool] does not tell"
-            );
+        if let Some(payload) = &self.payload {
+            let _ = writeln!(t, "payload       {}", payload.to_text());
         }
-        if !self.rotors_kg_m2_or_kg.is_empty() {
-            let _ = writeln!(
-                t,
-                "rotors        {:.3?} kg m2 or kg more than the robot file has are felt at the joints: rotors (armature_kg_m2), or a load whose mass or place is not told",
-                self.rotors_kg_m2_or_kg
-            );
+        if let Some(text) = rotors_text(self) {
+            let _ = writeln!(t, "rotors        {text}");
         }
         if let Some(contact) = &self.contact {
             let _ = writeln!(t, "contact       {}", contact.to_text());
         }
         if !self.untrusted_encoders.is_empty() {
-            let _ = writeln!(t, "encoders      not trusted: joints {:?} from 0", self.untrusted_encoders);
+            let called = self.untrusted_encoders.iter().map(|i| joint_in_words(&self.joint_names, *i));
+            let _ = writeln!(t, "encoders      not trusted: {}", called.collect::<Vec<_>>().join(", "));
         }
         if self.late_drive_states > 0 {
             let _ = writeln!(t, "drive         {} ticks without a new state in time", self.late_drive_states);

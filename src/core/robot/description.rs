@@ -88,6 +88,12 @@ impl RobotDescription {
         self.joints.len()
     }
 
+    /// The names of the moving joints, from the base on.
+    #[must_use]
+    pub fn joint_names(&self) -> Vec<String> {
+        self.joints.iter().map(|joint| joint.name.clone()).collect()
+    }
+
     /// The number of joints from the base to the link that is called `name`, or that stands behind the joint of that name; from 1.
     #[must_use]
     pub fn joints_to_link(&self, name: &str) -> Option<usize> {

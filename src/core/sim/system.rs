@@ -162,7 +162,7 @@ fn simulated<'a>(
             pixels,
             commander,
             frames: VecDeque::new(),
-            statistics: RunStatistics::new(),
+            statistics: RunStatistics::new(config.robot.joint_names()),
             watch,
         };
         let finish = closed_loop::run(&config.camera.schedule, &mut system)?;

@@ -18,7 +18,7 @@ use crate::drive::{CommandMode, DriveFault, ExternalDrive};
 use crate::ipc::{DrivePresence, Receiver, Sender, Spin, WakeListener};
 use crate::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, RobotState, drive_flag};
 use crate::process::{LONGEST_SPIN, LONGEST_WAIT, Membership, ProcessError};
-use crate::robot::POSITION_RAD_OR_M;
+use crate::robot::{POSITION_RAD_OR_M, joint_in_words};
 use crate::rt::now;
 use crate::time::{MonoNs, SpanNs, TICK};
 use nalgebra::SVector;
@@ -175,7 +175,7 @@ impl DrivePorts<'_> {
                     // What was sent before that state has come.
                     self.words.take()?;
                     self.hand_words_to(commands);
-                    check(&state, &start, config.drive.mode)?;
+                    check(&state, &start, config.drive.mode, &config.robot.joint_names())?;
                     if lacks_torques(config, &state) {
                         return Err(ProcessError::DriveWithoutTorques { mode: config.drive.mode.as_str() });
                     }
@@ -395,7 +395,12 @@ pub(super) fn farewell(drive: Option<DrivePorts<'_>>) -> Result<DriveEnd, Proces
     sent.map(|()| DriveEnd { lost_commands, robot_words })
 }
 
-fn check(state: &DriveStateMsg, start: &DriveCommandMsg, mode: CommandMode) -> Result<(), ProcessError> {
+fn check(
+    state: &DriveStateMsg,
+    start: &DriveCommandMsg,
+    mode: CommandMode,
+    names: &[String],
+) -> Result<(), ProcessError> {
     if state.joints != start.joints {
         return Err(ProcessError::DriveJoints { drive: state.joints, robot: start.joints });
     }
@@ -404,11 +409,11 @@ fn check(state: &DriveStateMsg, start: &DriveCommandMsg, mode: CommandMode) -> R
         let takes = takes.map(CommandMode::as_str).collect::<Vec<_>>().join(", ");
         return Err(ProcessError::DriveMode { mode, takes });
     }
-    let joints = state.q.iter().zip(&state.qd).zip(1..).take(start.joints as usize);
-    for ((q, qd), joint) in joints {
+    let joints = state.q.iter().zip(&state.qd).enumerate().take(start.joints as usize);
+    for (i, (q, qd)) in joints {
         // In this form NaN is out of range too.
         if !(q.abs() <= POSITION_RAD_OR_M && qd.abs() <= FASTEST_RAD_S_OR_M_S) {
-            return Err(ProcessError::DriveState { joint, q: *q, qd: *qd });
+            return Err(ProcessError::DriveState { joint: joint_in_words(names, i), q: *q, qd: *qd });
         }
     }
     Ok(())

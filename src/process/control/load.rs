@@ -16,7 +16,9 @@ pub(super) fn find<const N: usize>(
 ) {
     let robot = &run.controller().arm().robot;
     match debug_span!("stage", name = "fit").in_scope(|| fit_load(robot, &config.tool, recording)) {
-        Ok(found) => summary.load = Some(LoadCalibration::new(&found, &config.tool)),
+        Ok(found) => {
+            summary.load = Some(LoadCalibration::new(&found, &config.tool, &config.robot.joint_names()))
+        }
         Err(error) => {
             summary.outcome = Outcome::NotConverged;
             summary.reason = error.to_string();

@@ -96,7 +96,7 @@ pub(super) fn run<const N: usize>(
     };
     let mut pace = RecorderPace::new(config);
     let mut next_exposure = schedule.next_exposure_tick(0);
-    let mut statistics = RunStatistics::new();
+    let mut statistics = RunStatistics::new(config.robot.joint_names());
     let mut next_frame = 0;
     let mut tick = 0;
     // The first failure of the transport: from then on nothing is waited for but the drive, and the arm comes to rest.

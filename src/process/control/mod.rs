@@ -42,7 +42,7 @@ use crate::mission::LockstepRun;
 use crate::report::history::RunHistory;
 use crate::report::statistics::RunStatistics;
 use crate::report::summary::{
-    FoundPayload, RealtimeReport, SafetyReport, StampCalibration, Summary, TickTimes,
+    ContactReport, RealtimeReport, SafetyReport, StampCalibration, Summary, TickTimes,
 };
 use crate::robot::Robot;
 use crate::rt::now;
@@ -308,6 +308,7 @@ fn summary<const N: usize>(
     let LockstepRun { control, mission } = run;
     let measurement_log = mission.measurements();
     let joint_control = control.controller().joint_control();
+    let (rotors, joint_names) = (joint_control.rotors(), config.robot.joint_names());
     let finish = mission.finish().unwrap_or(WITHOUT_AN_END);
     let vision = measurement_log.vision_counts();
     let lockstep = config.clock == Clock::Lockstep;
@@ -349,12 +350,12 @@ fn summary<const N: usize>(
         lost_traces: pace.lost_traces,
         lost_commands: pace.lost_commands,
         gated_commands: control.controller().gated(),
-        payload: joint_control.payload().map(|(mass_kg, com)| FoundPayload { mass_kg, com_m: com.into() }),
-        rotors_kg_m2_or_kg: joint_control
-            .rotors()
-            .map_or(Vec::new(), |rotors| rotors.iter().copied().collect()),
+        payload: joint_control.payload().map(Into::into),
+        rotors_kg_m2_or_kg: rotors.iter().flat_map(|[inertia, _]| inertia.iter().copied()).collect(),
+        rotors_sd_kg_m2_or_kg: rotors.iter().flat_map(|[_, sd]| sd.iter().copied()).collect(),
         model_error: measurement_log.model_error().report(&config.camera.model, &config.target),
-        contact: control.controller().contact().map(Into::into),
+        contact: control.controller().contact().map(|contact| ContactReport::new(&contact, &joint_names)),
+        joint_names,
         untrusted_encoders: control.controller().untrusted_encoders().collect(),
         state_hash: lockstep.then(|| statistics.state_hash()),
         calibration: None,

@@ -114,7 +114,7 @@ pub(super) fn run<const N: usize>(
     }
     // Held to the end of the run; where the kernel refuses it, an idle machine wakes up later.
     let _awake = request.map(|_| Awake::keep().inspect_err(|e| debug!("deep idle states stay allowed: {e}")));
-    let statistics = RunStatistics::new();
+    let statistics = RunStatistics::new(config.robot.joint_names());
     let mut companion = Companion {
         ports,
         mission,

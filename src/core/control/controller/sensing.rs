@@ -20,6 +20,9 @@ impl<const N: usize> Controller<N> {
     /// The state of the drive, if it is plausible.
     pub(super) fn sense(&mut self, now: MonoNs, drive: &DriveState<N>) -> Option<DriveState<N>> {
         self.timing.note(std::mem::take(&mut self.is_state_old));
+        if self.timing.is_old() {
+            self.joint_control.hear_old_state();
+        }
         let believed = self.without_wrong_encoders(now, drive);
         let wrong = self.watch.note(now, drive, &believed, &self.arm.limits, self.timing);
         if let Some(fault) = wrong {

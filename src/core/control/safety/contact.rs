@@ -18,8 +18,12 @@ use serde::{Deserialize, Serialize};
 const CERTAIN: f64 = 9.0;
 /// Ticks for which it must last. Chosen by hand: one late state is no contact.
 const TICKS: u32 = 2;
-/// Largest force that is expected, N: the prior of the estimate at the flange. Chosen by hand; it decides only along directions that no joint feels.
+/// Largest force that is expected, N: the prior of the estimate at the flange, and what is told at most. Chosen by hand; the prior decides only along directions that no joint feels, and the jammed
+/// joint of a SCARA, whose torques any force explains, would make one of 4 kN.
 const FORCE_N: f64 = 1e3;
+/// Least share of the weighted squares of the torques that a force at the flange must explain: what holds one joint, or a link before the flange, takes torques that no such force takes.
+/// Derived: of a torque of [`CERTAIN`] the noise of seven joints leaves a tenth.
+const EXPLAINED: f64 = 0.9;
 
 /// By how much an encoder step changes a velocity that is told by a drive, in steps, 1/s. Derived: of differences over a tick behind a low-pass of 100 Hz, (1 - e^-0.63) / 1 ms.
 const STEPS_1_S: f64 = 470.0;
@@ -46,7 +50,8 @@ pub struct Contact {
     pub joint: usize,
     /// Its torque from outside, N m or N; `None` where torques are not known.
     pub torque: Option<f64>,
-    /// The force on the flange's origin in B that explains the torques best, N; `None` where torques are not known.
+    /// The force on the flange's origin in B that explains the torques, N; `None` where torques are not known, or no such force explains them: what holds a joint, or a link before
+    /// the flange.
     pub force_B: Option<Vector3<f64>>,
 }
 
@@ -202,7 +207,7 @@ impl<const N: usize> ContactWatch<N> {
         if has_gap {
             self.forget_state();
         }
-        if has_gap || timing.is_old() {
+        if has_gap || timing.is_gap() {
             joint_control.skip_window();
         }
         // That a joint stands is seen between two states of a slower drive, too.
@@ -305,28 +310,30 @@ impl<const N: usize> ContactWatch<N> {
         Some(Contact {
             joint,
             torque: torques.map(|(torque, _)| torque[joint]),
-            force_B: torques.map(|(torque, sd)| force(robot, q, &torque, &sd)),
+            force_B: torques.and_then(|(torque, sd)| force(robot, q, &torque, &sd)),
         })
     }
 }
 
-/// The force on the flange's origin in B, N, that explains the torques best: weighted least squares with a prior.
+/// The force on the flange's origin in B, N, that explains the torques best: weighted least squares with a prior; `None` where it does not explain them.
 fn force<const N: usize>(
     robot: &Robot<N>,
     q: &SVector<f64, N>,
     torque: &SVector<f64, N>,
     sd: &SVector<f64, N>,
-) -> Vector3<f64> {
+) -> Option<Vector3<f64>> {
     let J = robot.jacobian(q);
     let mut A = Matrix3::identity() / (FORCE_N * FORCE_N);
-    let mut b = Vector3::zeros();
+    let (mut b, mut squares) = (Vector3::zeros(), 0.0);
     for i in 0..N {
         let column = J.fixed_view::<3, 1>(0, i).into_owned();
         let weight = 1.0 / (sd[i] * sd[i]);
         A += column * column.transpose() * weight;
         b += column * (torque[i] * weight);
+        squares += torque[i] * torque[i] * weight;
     }
-    Ldlt::of(&A).map_or(Vector3::zeros(), |factors| Vector3::from(factors.solve(&b.into())))
+    let found = Vector3::from(Ldlt::of(&A)?.solve(&b.into()));
+    (b.dot(&found) >= EXPLAINED * squares && found.norm() < FORCE_N).then_some(found)
 }
 
 #[cfg(test)]

@@ -1,10 +1,10 @@
 //! What the arm carries beyond its model, and what is not known of it.
 
 use super::JointController;
-use crate::motion::payload_estimator::PayloadEstimator;
+use crate::motion::payload_estimator::{PayloadEstimator, PayloadFound};
 use crate::motion::rotor_estimator::RotorEstimator;
 use crate::robot::Robot;
-use nalgebra::{SVector, Vector3};
+use nalgebra::SVector;
 
 impl<const N: usize> JointController<N> {
     /// The same controller of the arm `bare`, which estimates a payload that `bare` does not have and controls the arm with it from then on;
@@ -22,9 +22,9 @@ impl<const N: usize> JointController<N> {
         self
     }
 
-    /// The payload that was found: its mass, kg, and its centre of mass in the flange's frame, m; `None` where there is none.
+    /// The payload that was found; `None` where there is none.
     #[must_use]
-    pub fn payload(&self) -> Option<(f64, Vector3<f64>)> {
+    pub fn payload(&self) -> Option<PayloadFound> {
         self.payload.as_ref()?.payload()
     }
 
@@ -51,16 +51,24 @@ impl<const N: usize> JointController<N> {
         self.model_change.take()
     }
 
-    /// The inertia of rotors that was found beyond the model's, as each joint feels it, kg m^2 or kg; `None` where none was.
+    /// The inertia of rotors that was found beyond the model's, as each joint feels it, and its standard deviation, kg m^2 or kg: 0 for joints whose torques may be a payload's; `None`
+    /// where none was.
     #[must_use]
-    pub fn rotors(&self) -> Option<&SVector<f64, N>> {
-        self.rotors.as_ref().map(|rotors| rotors.believed()).filter(|rotors| rotors.amax() > 0.0)
+    pub fn rotors(&self) -> Option<[SVector<f64, N>; 2]> {
+        let payload = self.payload.as_ref()?.unmodelled();
+        let rotors = self.rotors.as_ref()?.sure(&payload, self.observer.inertia());
+        Some(rotors).filter(|[inertia, _]| inertia.amax() > 0.0)
     }
 
     /// The last motion took another time than a tick: what payload and rotors were to be estimated from meanwhile is left out.
     pub fn skip_window(&mut self) {
         self.payload.iter_mut().for_each(|payload| payload.skip());
         self.rotors.iter_mut().for_each(|rotors| rotors.skip());
+    }
+
+    /// The state that is observed next came before: between two states of a slower drive nothing is known of its motion.
+    pub fn hear_old_state(&mut self) {
+        self.hears_old = true;
     }
 
     /// The variances of the inertia of rotors, (kg m^2)^2 or kg^2.

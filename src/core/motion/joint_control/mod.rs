@@ -75,6 +75,8 @@ pub struct JointController<const N: usize> {
     applied: Option<SVector<f64, N>>,
     /// The velocity of the reference that is followed in this tick, rad/s or m/s.
     followed: Option<SVector<f64, N>>,
+    /// Whether the state of this tick came before.
+    hears_old: bool,
     /// Ticks of control so far.
     ticks: u32,
     /// The acceleration limits of the reference, rad/s^2 or m/s^2, and the share of them for which the efforts of the arm suffice with its payload.
@@ -107,6 +109,7 @@ impl<const N: usize> JointController<N> {
             rotor_change: None,
             applied: None,
             followed: None,
+            hears_old: false,
             ticks: 0,
             acceleration: SVector::zeros(),
             acceleration_share: 1.0,
@@ -165,13 +168,14 @@ impl<const N: usize> JointController<N> {
             return (*q, *qd);
         }
         let robot = self.payload.as_deref().map_or(robot, PayloadEstimator::robot);
-        let q_measured = q;
+        let (q_measured, is_new) = (Some(q), !std::mem::take(&mut self.hears_old));
         let (q, qd) = self.observer.observe(robot, q, qd);
         if let (Some(payload), Some(rotors)) = (&mut self.payload, &mut self.rotors) {
             match self.applied.filter(|_| !self.soft && !self.is_overloaded) {
                 Some(tau) => {
                     let scale = (self.observer.inertia(), self.observer.encoder_step());
-                    if rotors.note(payload.robot(), &tau, q_measured, scale) {
+                    let model = (payload.robot(), payload.derivatives());
+                    if rotors.note(model, &tau, q_measured.filter(|_| is_new), scale) {
                         let first = rotors.believed().amax() == 0.0;
                         let change = rotors.adopt();
                         self.observer.change_rotors(&q, payload, &change, first);
@@ -189,10 +193,7 @@ impl<const N: usize> JointController<N> {
             }
         }
         if let Some(payload) = &mut self.payload {
-            let friction_share = self.observer.confirmed_share();
-            let friction_sd = self.observer.friction_sd();
-            let motion =
-                JointTick { q, qd, friction_share, friction_sd, noise: self.observer.hidden_torque(WINDOW) };
+            let motion = JointTick { q, qd, is_new, noise: self.observer.hidden_torque(WINDOW) };
             match self.applied.take() {
                 Some(tau) if !self.soft => {
                     let is_found = payload.note(&tau, &motion);
@@ -201,7 +202,8 @@ impl<const N: usize> JointController<N> {
                     }
                     if is_found && !self.is_overloaded {
                         let before = payload.robot().gravity(&q);
-                        self.observer.change_model(&q, payload);
+                        let more = self.observer.change_model(&q, payload);
+                        self.rotors.iter_mut().for_each(|rotors| rotors.payload_changed(&more));
                         self.model_change = Some(payload.robot().gravity(&q) - before);
                         self.is_laden = true;
                     }

@@ -102,10 +102,6 @@ const HIDDEN: f64 = 0.4;
 const CREEPS: f64 = 2e-4;
 /// Share of that speed that such a joint has in the tick before; while the torque grows by `GROWS` it is 0.77.
 const CREPT: f64 = 0.5;
-/// Standard deviation of a share that was measured: friction differs by some hundredths between two measurements, and by more when it warms
-/// up. Of one that was not, the tests go from none to twice the model's friction.
-const MEASURED_SD: f64 = 0.3;
-const UNMEASURED_SD: f64 = 1.0;
 /// Ticks for which the torque is held on a joint that creeps: first, until a speed is steady with commands up to three ticks late; then as
 /// many again to see that it is.
 const HOLD_FROM: u32 = 5;
@@ -194,11 +190,6 @@ impl<const N: usize> ConfirmedFriction<N> {
             self.probes[i] = FrictionProbe { left: PROBE_TICKS, ..FrictionProbe::default() };
         }
         self.again = true;
-    }
-
-    /// Their standard deviations.
-    pub(super) fn sd(&self) -> SVector<f64, N> {
-        SVector::from_fn(|i, _| if self.probes[i].measured { MEASURED_SD } else { UNMEASURED_SD })
     }
 
     /// The shares, 0 to `MAX_MEASURED`.

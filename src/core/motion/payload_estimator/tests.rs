@@ -75,31 +75,78 @@ fn derivatives_by_a_payload_have_the_torques_of_a_light_one() {
     }
 }
 
-/// What is found in `s` seconds of motion of an arm that carries `mass` kg at `com_E`, has `friction` times the friction of its model, which is
-/// compensated as it is there, and links that are `mass_scale` times as heavy.
+/// What is found in `s` seconds of motion of an arm that carries `mass` kg at `com_E`, has `friction` times the friction of its model, and links that are `mass_scale` times as heavy.
 fn found<const N: usize>(
+    name: &str,
+    random: &mut Random,
+    load: (f64, Vector3<f64>),
+    truth: (f64, f64),
+    s: f64,
+) -> Option<(f64, Vector3<f64>)> {
+    found_behind::<N>(name, random, load, truth, s, |_| true).map(|found| (found.mass, found.com))
+}
+
+/// The same behind a drive that has a new state in the ticks that `is_new` tells.
+fn found_behind<const N: usize>(
     name: &str,
     random: &mut Random,
     (mass, com_E): (f64, Vector3<f64>),
     (friction, mass_scale): (f64, f64),
     s: f64,
-) -> Option<(f64, Vector3<f64>)> {
+    is_new: impl Fn(u32) -> bool,
+) -> Option<PayloadFound> {
     let bare = arm::<N>(name);
     let description = load(name).unwrap().scaled(mass_scale, friction);
     let truth = description.build::<N>().unwrap().with_payload(mass, &com_E);
     let q0 = posture(random);
     let mut estimator = PayloadEstimator::new(bare);
+    let mut state = (q0, SVector::zeros());
     for k in 0..(s * 1e3) as u32 {
-        let [q, qd, _] = motion(&q0, f64::from(k + 1) * 1e-3);
+        let is_new = is_new(k);
+        if is_new {
+            let [q, qd, _] = motion(&q0, f64::from(k + 1) * 1e-3);
+            state = (q, qd);
+        }
         let [q_mid, qd_mid, qdd_mid] = motion(&q0, (f64::from(k) + 0.5) * 1e-3);
         let tau = truth.inverse_dynamics(&q_mid, &qd_mid, &qdd_mid) + truth.friction_torque(&qd_mid);
-        let ones = SVector::repeat(1.0);
-        let joints = JointTick { q, qd, friction_share: ones, friction_sd: ones, noise: SVector::zeros() };
+        let joints = JointTick { q: state.0, qd: state.1, is_new, noise: SVector::zeros() };
         if estimator.note(&tau, &joints) {
             estimator.adopt();
         }
     }
     estimator.payload()
+}
+
+#[test]
+fn a_payload_is_found_behind_slower_drives() {
+    let load = (3.0, Vector3::new(0.02, -0.03, 0.05));
+    for period in [2, 3, 8] {
+        let random = &mut Random::new(7);
+        let is_new = |k: u32| k.is_multiple_of(period);
+        let found = found_behind::<6>("ur5", random, load, (1.0, 1.0), 3.0, is_new);
+        let mass = found.map_or(0.0, |found| found.mass);
+        assert!((mass - 3.0).abs() < 0.1, "{mass} kg with a state every {period} ms");
+    }
+}
+
+#[test]
+fn mass_and_centre_are_as_sure_as_they_are_told() {
+    let random = &mut Random::new(8);
+    let (mut squares, mut n) = (0.0, 0.0);
+    for _ in 0..30 {
+        let mass = random.between(1.5, 3.5);
+        let com_E = Vector3::from_fn(|_, _| random.between(-0.05, 0.05)) + Vector3::z() * 0.05;
+        let friction = random.between(0.0, 2.0);
+        let payload = found_behind::<7>("xarm7", random, (mass, com_E), (friction, 1.0), 1.5, |_| true);
+        let Some(PayloadFound { mass: m, mass_sd, com, com_sd }) = payload else { continue };
+        assert!(
+            (m - mass).abs() < 3.0 * mass_sd,
+            "{m} +- {mass_sd} for {mass} kg under {friction} of the friction"
+        );
+        squares += ((com - com_E).component_div(&com_sd)).norm_squared() / 3.0;
+        n += 1.0;
+    }
+    assert!(n > 20.0 && squares / n < 1.5, "{squares} of the stated variances in {n}");
 }
 
 #[test]

@@ -54,7 +54,7 @@ fn found_in<const N: usize>(
         let robot = bare.clone().with_armature(estimator.believed());
         let inertia = own + estimator.believed();
         let q = motion((k as f64 + 1.0) * 1e-3)[0];
-        if estimator.note(&robot, &tau, &q, (&inertia, &SVector::zeros())) {
+        if estimator.note((&robot, &SMatrix::zeros()), &tau, Some(&q), (&inertia, &SVector::zeros())) {
             estimator.adopt();
         }
         if is_told {
@@ -152,9 +152,85 @@ fn a_joint_that_is_stopped_shows_no_rotor() {
     for k in 0..600 {
         let mut tau = bare.gravity(&at(k));
         tau[0] += (f64::from(k - 300)).max(0.0) * 0.2;
-        if estimator.note(&bare, &tau, &at(k + 1), (&own, &SVector::zeros())) {
+        if estimator.note((&bare, &SMatrix::zeros()), &tau, Some(&at(k + 1)), (&own, &SVector::zeros())) {
             estimator.adopt();
         }
     }
     assert!(estimator.believed().amax() == 0.0, "{}", estimator.believed());
+}
+
+/// What an arm is believed to have of rotors, which has `rotors` times its joints' own inertia of them and carries 3 kg that its model has from `known_from` on, after a second: what control
+/// believes, what is sure, and what there is. A state comes every `period` ticks.
+fn laden(random: &mut Random, rotors: f64, known_from: usize, period: usize) -> [SVector<f64, 6>; 3] {
+    let bare: Robot<6> = load("ur5").unwrap().build().unwrap();
+    let (mass, com_E) = (3.0, nalgebra::Vector3::new(0.02, -0.01, 0.05));
+    let load = Vector4::new(mass, mass * com_E.x, mass * com_E.y, mass * com_E.z);
+    let carrying = bare.clone().with_payload(mass, &com_E);
+    let q0 = SVector::from_fn(|_, _| random.between(-1.0, 1.0));
+    let own = ObserverSettings::free_inertia(&bare, &q0);
+    let rotors = own * rotors;
+    let arm = carrying.clone().with_armature(&rotors);
+    let motion = |t: f64| {
+        let (a, w) = (|i: usize| 0.05 + 0.005 * i as f64, |i: usize| 12.0 + 0.7 * i as f64);
+        [
+            SVector::<f64, 6>::from_fn(|i, _| q0[i] + a(i) * (1.0 - (w(i) * t).cos())),
+            SVector::from_fn(|i, _| a(i) * w(i) * (w(i) * t).sin()),
+            SVector::from_fn(|i, _| a(i) * w(i) * w(i) * (w(i) * t).cos()),
+        ]
+    };
+    let derivatives = bare.payload_derivatives();
+    let mut estimator = RotorEstimator::new(&bare, &own);
+    for k in 0..1000 {
+        let [q, qd, qdd] = motion((k as f64 + 0.5) * 1e-3);
+        let tau = arm.inverse_dynamics(&q, &qd, &qdd) + arm.friction_torque(&qd);
+        if k == known_from {
+            estimator.payload_changed(&load);
+        }
+        let model = if k < known_from { &bare } else { &carrying };
+        let robot = model.clone().with_armature(estimator.believed());
+        let mut Y = SMatrix::<f64, 6, 4>::zeros();
+        for (j, derivative) in derivatives.iter().enumerate() {
+            Y.set_column(j, &derivative.inverse_dynamics(&q, &qd, &qdd));
+        }
+        let q = motion((k as f64 + 1.0) * 1e-3)[0];
+        let q = (k + 1).is_multiple_of(period).then_some(&q);
+        let inertia = own + estimator.believed();
+        if estimator.note((&robot, &Y), &tau, q, (&inertia, &SVector::zeros())) {
+            estimator.adopt();
+        }
+    }
+    let mean = if known_from < 1000 { Vector4::zeros() } else { load };
+    let sd = Vector4::new(0.2, 0.03, 0.03, 0.03);
+    let covariance = Matrix4::from_diagonal(&sd.component_mul(&sd));
+    let payload = UnmodelledPayload { mean, covariance, inertia_sd: 0.0 };
+    let [sure, _] = estimator.sure(&payload, &(own + estimator.believed()));
+    [*estimator.believed(), sure, rotors]
+}
+
+#[test]
+fn what_a_payload_takes_is_no_rotor() {
+    let random = &mut Random::new(8);
+    for _ in 0..10 {
+        let [believed, sure, _] = laden(random, 0.0, 1000, 1);
+        assert!(
+            believed.amax() > 0.1,
+            "without the payload the joints are heavier than their model: {believed}"
+        );
+        assert_eq!(sure.amax(), 0.0, "{sure}");
+        let [believed, sure, _] = laden(random, 0.0, 400, 1);
+        assert!(believed.amax() < 0.05, "it is taken out of them: {believed}");
+        assert_eq!(sure.amax(), 0.0, "{sure}");
+    }
+}
+
+#[test]
+fn rotors_are_found_beside_a_payload_and_behind_slower_drives() {
+    let random = &mut Random::new(9);
+    for (known_from, period) in [(1000, 1), (400, 1), (400, 2), (400, 3), (0, 8)] {
+        for _ in 0..5 {
+            let [_, sure, rotors] = laden(random, 2.0, known_from, period);
+            let within = |i: usize| (0.7 * rotors[i]..1.3 * rotors[i]).contains(&sure[i]);
+            assert!((0..3).all(within), "{known_from}, {period} ms: {sure} of {rotors}");
+        }
+    }
 }

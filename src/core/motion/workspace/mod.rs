@@ -159,14 +159,15 @@ impl<const N: usize> Workspace<N> {
     }
 
     fn words(&self, k: usize) -> (String, String) {
+        let names = self.robot.joint_names();
         if let (Some(point), SpaceLimit::Side(side)) =
             (self.points.get(k / self.sides().max(1)), self.limit(k))
         {
             let name = self.settings.sides.get(usize::from(side)).map_or("", |side| side.name.as_str());
-            return (point.name(), format!("\"{name}\" of [workspace]"));
+            return (point.name(names), format!("\"{name}\" of [workspace]"));
         }
         let pair = self.pairs.get(k - self.points.len() * self.sides());
-        pair.map_or_else(Default::default, |(a, b)| (b.name(), a.name()))
+        pair.map_or_else(Default::default, |(a, b)| (b.name(names), a.name(names)))
     }
 
     /// The distance `k` less the margin, m.

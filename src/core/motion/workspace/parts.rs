@@ -5,7 +5,7 @@
 
 use super::settings::WorkspaceSettings;
 use crate::messages::MAX_JOINTS;
-use crate::robot::{Robot, Skeleton};
+use crate::robot::{Robot, Skeleton, joint_in_words};
 use nalgebra::{SVector, Vector3};
 
 /// Places on an arm, by number: the origins of its links' frames, and these, which follow them because an arm has at most `MAX_JOINTS`.
@@ -41,10 +41,10 @@ pub struct Capsule {
 }
 
 impl CheckedPoint {
-    /// What it is, for people.
+    /// What it is, for people; of an arm whose joints have these `names`.
     #[must_use]
-    pub fn name(&self) -> String {
-        name_of(self.place)
+    pub fn name(&self, names: &[String]) -> String {
+        name_of(self.place, names)
     }
 
     /// Where it is in B, m.
@@ -72,8 +72,8 @@ impl Capsule {
         of(self.from) * (1.0 - s) + of(self.to) * s
     }
 
-    pub(super) fn name(&self) -> String {
-        if self.to == BASE || self.from == BASE { "the base".into() } else { name_of(self.to) }
+    pub(super) fn name(&self, names: &[String]) -> String {
+        if self.to == BASE || self.from == BASE { "the base".into() } else { name_of(self.to, names) }
     }
 }
 
@@ -85,13 +85,13 @@ fn joints_before<const N: usize>(place: usize) -> usize {
     }
 }
 
-fn name_of(place: usize) -> String {
+fn name_of(place: usize, names: &[String]) -> String {
     match place {
         FLANGE => "the flange".into(),
         CAMERA => "the camera".into(),
         TOOL => "the tool".into(),
         BASE => "the base".into(),
-        joint => format!("joint {}", joint + 1),
+        joint => joint_in_words(names, joint),
     }
 }
 

@@ -1,7 +1,7 @@
 //! What `vservo calibrate load` found, for people, programs and run files.
 
-use crate::calibration::load::LoadEstimate;
-use crate::robot::Inertia;
+use crate::calibration::load::{JointFrictionEstimate, LoadEstimate};
+use crate::robot::{Inertia, joint_in_words};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 
@@ -33,8 +33,11 @@ pub struct LoadCalibration {
 }
 
 /// What a joint was found to resist with, and what is left of its torques.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct JointFriction {
+    /// Its name in the robot file.
+    #[serde(default)]
+    pub name: String,
     /// Coulomb friction and its standard deviation, N m or N.
     pub coulomb_n_m_or_n: [f64; 2],
     /// Viscous friction and its standard deviation, N m s/rad or N s/m.
@@ -46,17 +49,16 @@ pub struct JointFriction {
 }
 
 impl LoadCalibration {
-    /// What was found of an arm that was told to carry `tool`.
+    /// What was found of an arm that was told to carry `tool`, and whose joints have these `names`.
     #[must_use]
-    pub fn new(found: &LoadEstimate, tool: &Inertia) -> Self {
+    pub fn new(found: &LoadEstimate, tool: &Inertia, names: &[String]) -> Self {
         let I = &found.load.about_com;
-        let joint = |(joint, residual_share): (&crate::calibration::load::JointFrictionEstimate, &f64)| {
-            JointFriction {
-                coulomb_n_m_or_n: joint.coulomb,
-                viscous_n_m_s_rad_or_n_s_m: joint.viscous,
-                rotor_kg_m2_or_kg: joint.rotor,
-                residual_share: *residual_share,
-            }
+        let joint = |(i, (joint, residual_share)): (usize, (&JointFrictionEstimate, &f64))| JointFriction {
+            name: names.get(i).cloned().unwrap_or_default(),
+            coulomb_n_m_or_n: joint.coulomb,
+            viscous_n_m_s_rad_or_n_s_m: joint.viscous,
+            rotor_kg_m2_or_kg: joint.rotor,
+            residual_share: *residual_share,
         };
         Self {
             mass_kg: found.load.mass,
@@ -69,7 +71,7 @@ impl LoadCalibration {
             has_inertia: found.has_inertia,
             told_kg: tool.mass,
             unseen: found.unseen.clone(),
-            joints: found.joints.iter().zip(&found.residual_shares).map(joint).collect(),
+            joints: found.joints.iter().zip(&found.residual_shares).enumerate().map(joint).collect(),
         }
     }
 
@@ -103,14 +105,15 @@ impl LoadCalibration {
                 scaled(self.inertia_sd_kg_m2)
             );
         }
+        let names: Vec<_> = self.joints.iter().map(|joint| joint.name.as_str()).collect();
         for (i, joint) in self.joints.iter().enumerate() {
             let ([c, c_sd], [v, v_sd]) = (joint.coulomb_n_m_or_n, joint.viscous_n_m_s_rad_or_n_s_m);
             let [r, r_sd] = joint.rotor_kg_m2_or_kg;
             let _ = writeln!(
                 text,
-                "joint {}: friction {c:.2} +- {c_sd:.2} N m or N and {v:.2} +- {v_sd:.2} a rad/s or m/s, inertia beyond the robot file {r:.3} +- {r_sd:.3} kg m2 or \
+                "{}: friction {c:.2} +- {c_sd:.2} N m or N and {v:.2} +- {v_sd:.2} a rad/s or m/s, inertia beyond the robot file {r:.3} +- {r_sd:.3} kg m2 or \
                  kg; {:.2} % of its effort is not explained",
-                i + 1,
+                joint_in_words(&names, i),
                 joint.residual_share * 1e2
             );
         }

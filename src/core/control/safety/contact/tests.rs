@@ -87,8 +87,19 @@ fn a_force_at_the_flange_is_found_from_the_joints_torques() {
     let q = Vector6::new(0.4, -1.4, 1.3, -1.0, -1.5, 0.3);
     for wanted in [Vector3::new(30.0, 0.0, 0.0), Vector3::new(-5.0, 12.0, 40.0)] {
         let torque = robot.jacobian(&q).fixed_rows::<3>(0).tr_mul(&wanted);
-        let found = force(&robot, &q, &torque, &Vector6::repeat(0.5));
+        let found = force(&robot, &q, &torque, &Vector6::repeat(0.5)).unwrap();
         assert!((found - wanted).norm() < 0.01 * wanted.norm(), "{found} {wanted}");
+    }
+}
+
+#[test]
+fn what_holds_one_joint_is_no_force_at_the_flange() {
+    let robot: Robot<6> = crate::robot::load("ur5").unwrap().build().unwrap();
+    let q = Vector6::new(0.4, -1.4, 1.3, -1.0, -1.5, 0.3);
+    for joint in 1..6 {
+        let mut torque = Vector6::zeros();
+        torque[joint] = 30.0;
+        assert_eq!(force(&robot, &q, &torque, &Vector6::repeat(0.5)), None, "joint {joint}");
     }
 }
 
