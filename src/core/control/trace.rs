@@ -221,6 +221,12 @@ pub enum Event {
     NeverSeen,
     /// The arm looks around for its target.
     Searching,
+    /// Of two cameras that control the arm the first one does not see its target: the arm goes by the second.
+    FirstViewMissing,
+    /// The same of the second one.
+    SecondViewMissing,
+    /// Both see their targets again.
+    BothViews,
 }
 
 impl Event {
@@ -251,6 +257,9 @@ impl Event {
             Self::RobotNotCleared => "robot_not_cleared",
             Self::NeverSeen => "never_seen",
             Self::Searching => "searching",
+            Self::FirstViewMissing => "first_view_missing",
+            Self::SecondViewMissing => "second_view_missing",
+            Self::BothViews => "both_views",
         }
     }
 }

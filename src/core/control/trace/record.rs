@@ -99,7 +99,7 @@ pub fn event_words(events: u32) -> impl Iterator<Item = &'static str> {
 }
 
 /// [`Event::as_str`] by [`event_number`].
-const EVENT_WORDS: [&str; 23] = [
+const EVENT_WORDS: [&str; 26] = [
     "holding",
     "resumed",
     "stopping",
@@ -123,6 +123,9 @@ const EVENT_WORDS: [&str; 23] = [
     "velocity_ended",
     "never_seen",
     "searching",
+    "first_view_missing",
+    "second_view_missing",
+    "both_views",
 ];
 
 fn event_number(event: Event) -> u32 {
@@ -150,6 +153,9 @@ fn event_number(event: Event) -> u32 {
         Event::VelocityEnded => 20,
         Event::NeverSeen => 21,
         Event::Searching => 22,
+        Event::FirstViewMissing => 23,
+        Event::SecondViewMissing => 24,
+        Event::BothViews => 25,
     }
 }
 
@@ -185,6 +191,9 @@ mod tests {
             VelocityEnded,
             NeverSeen,
             Searching,
+            FirstViewMissing,
+            SecondViewMissing,
+            BothViews,
         ];
         for event in all {
             let words: Vec<_> = event_words(1 << event_number(event)).collect();
