@@ -18,6 +18,8 @@ struct CheckAnswer<'a> {
     warnings: Vec<String>,
     #[serde(flatten)]
     preflight: &'a Preflight,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    second_view: Option<&'a Preflight>,
 }
 
 /// # Errors
@@ -34,7 +36,12 @@ pub(super) fn check(path: Option<&Path>, set: &[String], as_json: bool) -> Resul
     };
     require_controllable(&config)?;
     let preflight = Preflight::of(&config)?.with_names(&config)?;
-    let (mut faults, doubts) = judged(&preflight);
+    let second = second_preflight(&config)?;
+    let (mut faults, mut doubts) = judged(&preflight);
+    if let Some((of_faults, of_doubts)) = second.as_ref().map(judged) {
+        faults.extend(of_second(of_faults));
+        doubts.extend(of_second(of_doubts));
+    }
     let core = config.realtime.request.cpu.and_then(crate::rt::why_not_on);
     faults.extend(core.map(|why| ("realtime.cpu", why)));
     let error = unseen.or_else(|| (!faults.is_empty()).then(|| draft.error(faults)));
@@ -45,6 +52,7 @@ pub(super) fn check(path: Option<&Path>, set: &[String], as_json: bool) -> Resul
             errors: error.iter().flat_map(|error| error.lines()).collect(),
             warnings: config.warnings.iter().chain(&doubts).map(ToString::to_string).collect(),
             preflight: &preflight,
+            second_view: second.as_ref(),
         };
         let code = shown(&json(&answer), 0);
         return error.map_or(Ok(code), |error| Err(error.into()));
@@ -55,7 +63,12 @@ pub(super) fn check(path: Option<&Path>, set: &[String], as_json: bool) -> Resul
             tell(format_args!("vservo: warning: {}", printable(&doubt.to_string())));
         }
     }
-    let what = preflight.lines().iter().map(|line| printable(line) + "\n").collect::<String>();
+    let mut lines = preflight.lines();
+    if let (Some(second), Some(view)) = (&second, &config.second_view) {
+        lines.push(format!("  second camera `{}`, weight {}:", view.cell.camera.name, view.weight));
+        lines.append(&mut second.lines());
+    }
+    let what = lines.iter().map(|line| printable(line) + "\n").collect::<String>();
     match error {
         None => Ok(shown(&(first_line(path, &config) + &what), 0)),
         Some(error) => {
@@ -79,6 +92,18 @@ fn first_line(path: Option<&Path>, config: &Config) -> String {
     )
 }
 
+/// What the second of two cameras that control the arm has before it.
+fn second_preflight(config: &Config) -> Result<Option<Preflight>, ProcessError> {
+    Ok(config.second_view.as_ref().map(|view| Preflight::of(&view.cell)).transpose()?)
+}
+
+/// The same lines, of the second camera.
+fn of_second(told: Told) -> Told {
+    told.into_iter()
+        .map(|(key, message)| (key, format!("of the second camera ([second_view]): {message}")))
+        .collect()
+}
+
 /// The lines by key.
 type Told = Vec<(&'static str, String)>;
 
@@ -99,6 +124,9 @@ fn judged(preflight: &Preflight) -> (Told, Told) {
 pub(super) fn warn_of_preflight(draft: &Draft, config: &Config, refuses: bool) -> Result<(), ProcessError> {
     let preflight = Preflight::of(config)?;
     let (mut faults, _) = judged(&preflight);
+    if let Some(second) = second_preflight(config)? {
+        faults.extend(of_second(judged(&second).0));
+    }
     // The pose behind features is only as good as the lens; what was taught may be reached all the same.
     let is_pose = config.effective.servo.set_point.kind == SetPointKind::Pose;
     let is_beyond = is_pose && preflight.object_rests && matches!(preflight.reach, Reach::Beyond { .. });

@@ -3,7 +3,7 @@
 use super::all_cores::{cores, on_threads};
 use super::place::run_file_table;
 use super::{check_writable, completion, json, shown, write_result};
-use crate::config::assemble::require_controllable;
+use crate::config::assemble::{require_controllable, require_one_view};
 use crate::config::{Config, ConfigError, Draft, DriveKind};
 use crate::input::{number, printable};
 use crate::process::ProcessError;
@@ -93,6 +93,7 @@ pub(super) fn tune(arguments: &TuneArguments) -> Result<u8, ProcessError> {
     let bench = TuneBench { path, set: &arguments.set, keys: &keys };
     let config = bench.config(&[], &[])?;
     require_controllable(&config)?;
+    require_one_view(&config, "`vservo tune`")?;
     if config.scene.is_none() || config.drive.kind == DriveKind::External || !config.closes_the_loop() {
         tell(format_args!(
             "vservo: tune runs in simulation: set camera.source=synthetic and drive.kind=simulated, with the cell's own numbers"

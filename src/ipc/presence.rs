@@ -24,11 +24,14 @@ pub struct Peers {
 #[derive(Debug)]
 pub struct PeerPresence {
     frames: Vec<PubSub<[u8], FrameHeader>>,
-    measurements: PubSub<Measurement>,
+    measurements: Vec<PubSub<Measurement>>,
 }
 
 impl PeerPresence {
-    pub(super) fn new(frames: Vec<PubSub<[u8], FrameHeader>>, measurements: PubSub<Measurement>) -> Self {
+    pub(super) fn new(
+        frames: Vec<PubSub<[u8], FrameHeader>>,
+        measurements: Vec<PubSub<Measurement>>,
+    ) -> Self {
         Self { frames, measurements }
     }
 
@@ -37,7 +40,7 @@ impl PeerPresence {
     pub fn look(&self) -> Peers {
         Peers {
             camera: self.frames.iter().all(|frames| frames.dynamic_config().number_of_publishers() > 0),
-            vision: self.measurements.dynamic_config().number_of_publishers() > 0,
+            vision: self.measurements.iter().all(|of| of.dynamic_config().number_of_publishers() > 0),
         }
     }
 }

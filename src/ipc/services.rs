@@ -11,7 +11,7 @@ pub use viewer::DriveViews;
 use super::caretaker::Caretaker;
 use super::channel::Channel;
 use super::command::{CommandClient, CommandServer};
-use super::frame_shape::{FrameShape, MAX_READERS};
+use super::frame_shape::{FrameShape, MAX_READERS, readers};
 use super::ports::{
     FrameReceiver, FrameSender, QuietFrameReceiver, Receiver, Sender, WakeListener, WakeNotifier,
 };
@@ -28,7 +28,7 @@ use iceoryx2::service::builder::publish_subscribe::{
 };
 use std::fmt::Debug;
 
-/// Processes that may open a service. Chosen by hand, as the transport needs a number: a run has at most six of its own, others are clients.
+/// Processes that may open a service. Chosen by hand, as the transport needs a number: a run has at most eight of its own, others are clients.
 const MAX_NODES: usize = 16;
 /// Clients that may wait for an answer of control at the same time. Chosen by hand; others wait for a free slot.
 const MAX_CLIENTS: usize = 8;
@@ -221,7 +221,7 @@ impl Services {
         Ok(CommandClient::new(port.map_err(|e| port_error(Channel::Command, e))?))
     }
 
-    /// The look-out for these cameras and for the vision process of the first of them.
+    /// The look-out for these cameras, for the vision process of the first of them, and for that of the camera `second_vision` beside it.
     ///
     /// # Errors
     /// When a service cannot be opened.
@@ -229,11 +229,14 @@ impl Services {
         &self,
         first: (CameraId, FrameShape),
         further: &[(CameraId, FrameShape)],
+        second_vision: Option<CameraId>,
     ) -> Result<PeerPresence, IpcError> {
         let frames = std::iter::once(&first).chain(further).map(|(id, shape)| self.frames(*id, *shape));
         let frames = frames.collect::<Result<_, _>>()?;
-        let measurements = self.publish_subscribe(Channel::Measurement(first.0), MEASUREMENT_BUFFER)?;
-        Ok(PeerPresence::new(frames, measurements))
+        let visions = std::iter::once(first.0).chain(second_vision);
+        let measurements =
+            visions.map(|id| self.publish_subscribe(Channel::Measurement(id), MEASUREMENT_BUFFER));
+        Ok(PeerPresence::new(frames, measurements.collect::<Result<_, _>>()?))
     }
 
     /// Refuses to go on where there is too little left for the connections to the other processes. The transport makes
@@ -297,7 +300,7 @@ impl Services {
             .subscriber_max_borrowed_samples(1)
             .history_size(0)
             .max_publishers(1)
-            .max_subscribers(MAX_READERS)
+            .max_subscribers(readers(service))
             .max_nodes(MAX_NODES)
             .open_or_create()
             .map_err(|e| self.open_error::<T>(service, e))

@@ -72,7 +72,10 @@ pub use report_folder::{NewReport, ReportFolder};
 #[cfg(feature = "cli")]
 pub use seeing::frame_shape;
 #[cfg(feature = "cli")]
-use seeing::{LONGEST_SPIN, LONGEST_WAIT, WAKE_AHEAD, seeing_cameras, seeing_roles, shape_of, watched_roles};
+use seeing::{
+    LONGEST_SPIN, LONGEST_WAIT, WAKE_AHEAD, second_vision, seeing_cameras, seeing_roles, shape_of,
+    watched_roles,
+};
 #[cfg(feature = "cli")]
 pub use signals::follow_parent;
 #[cfg(feature = "cli")]

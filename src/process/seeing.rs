@@ -3,6 +3,7 @@
 use super::guardian;
 use crate::config::{Camera, Clock, Config};
 use crate::ipc::{FrameShape, Role};
+use crate::messages::CameraId;
 use crate::time::SpanNs;
 use std::time::Duration;
 
@@ -13,7 +14,7 @@ pub(super) const LONGEST_WAIT: Duration = Duration::from_millis(50);
 /// The processes beside control that see for it: vision first, then its cameras.
 pub(super) fn seeing_roles(config: &Config) -> Vec<Role> {
     let cameras = seeing_cameras(config).map(|camera| Role::Camera(camera.id));
-    std::iter::once(Role::Vision(config.camera.id)).chain(cameras).collect()
+    std::iter::once(config.camera.id).chain(second_vision(config)).map(Role::Vision).chain(cameras).collect()
 }
 
 /// The processes beside control that a supervisor watches and starts anew: those that see for it, and the guardian.
@@ -22,10 +23,15 @@ pub(super) fn watched_roles(config: &Config) -> Vec<Role> {
     seeing_roles(config).into_iter().chain(guardian).collect()
 }
 
-/// The cameras that a run uses: one, or a pair.
-pub(super) fn seeing_cameras(config: &Config) -> impl Iterator<Item = &Camera> {
-    let pair = config.further_cameras.iter().filter(|_| config.stereo.is_some());
-    std::iter::once(&config.camera).chain(pair)
+/// The cameras that a run uses: one, a pair, or two that control together.
+pub(super) fn seeing_cameras(config: &Config) -> impl Iterator<Item = &Camera> + Clone {
+    let is_used = config.stereo.is_some() || config.second_view.is_some();
+    std::iter::once(&config.camera).chain(config.further_cameras.iter().filter(move |_| is_used))
+}
+
+/// The camera whose measurements control takes beside those of the first one.
+pub(super) fn second_vision(config: &Config) -> Option<CameraId> {
+    config.second_view.as_ref().map(|second| second.cell.camera.id)
 }
 
 /// Longest spin of a lockstep process before it sleeps, where a core is free. Chosen by hand: about the time of a frame from its

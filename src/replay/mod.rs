@@ -55,6 +55,8 @@ pub enum ReplayError {
     #[error("does not replay, by which alone a report can be made of it: {0}")]
     Differs(Difference),
     /// Two cameras.
-    #[error("--from frames: a pair of cameras is replayed --from measurements alone")]
+    #[error(
+        "--from frames: two cameras, a pair ([stereo]) or with a view each ([second_view]), are replayed --from measurements alone"
+    )]
     PairOfCameras,
 }

@@ -120,9 +120,11 @@ impl<R: Read> RecordedRun<R> {
                 ));
                 return Ok(None);
             };
-            // Those before it were overtaken.
-            self.measurements.drain(..at);
-            measurement = self.measurements.pop_front();
+            measurement = self.measurements.remove(at);
+            // Those of its camera before it were overtaken.
+            let mut place = 0..;
+            let is_before = |place: Option<usize>| place.is_some_and(|place| place < at);
+            self.measurements.retain(|m| !is_before(place.next()) || m.camera != trace.camera);
         }
         Ok(Some(RecordedTick { trace, measurement }))
     }

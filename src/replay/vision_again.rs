@@ -42,7 +42,7 @@ pub fn measure_again<R: Read>(
     reader: &mut RecordingReader<R>,
     config: &Config,
 ) -> Result<MeasuredAgain, ReplayError> {
-    if config.stereo.is_some() {
+    if config.stereo.is_some() || config.second_view.is_some() {
         return Err(ReplayError::PairOfCameras);
     }
     let mut again = VisionAgain::new(config)?;

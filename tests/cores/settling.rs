@@ -12,7 +12,7 @@ use vservo::motion::min_time_s;
 use vservo::sim::{Moment, simulate_system};
 
 /// Every shipped run file whose arm is simulated. The others have an arm or a camera outside of this process; those in textbook/ have the text's gains.
-const SIMULATED: [&str; 21] = [
+const SIMULATED: [&str; 22] = [
     "chessboard",
     "default",
     "dot-grid",
@@ -33,6 +33,7 @@ const SIMULATED: [&str; 21] = [
     "ur5-b",
     "ur5-hybrid",
     "ur5-path",
+    "ur5-two-cameras",
     "xarm7",
 ];
 const OUTSIDE: [&str; 7] =

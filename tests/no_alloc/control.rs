@@ -48,6 +48,12 @@ fn run<const N: usize>(config: &Config, robot: &Robot<N>, mut run: LockstepRun<N
             40 if k < 500 => Some(Measurement { exposure: now, ..Measurement::default() }),
             // A view far off: the limits act.
             40 => Some(seen(config, k, &Pose::translation(0.3, -0.2, 0.3))),
+            // Of a second camera, until its target is lost.
+            20 | 60 if k < 1200 => config.second_view.as_ref().map(|second| {
+                let cell = &second.cell;
+                let X_CO = cell.camera.mount.X_WC(robot, &q).inv_mul(&cell.X_WO().unwrap());
+                Measurement { camera: cell.camera.id.into(), ..seen(cell, k, &X_CO) }
+            }),
             _ => None,
         };
         // What clients ask for is planned elsewhere, and obeyed here.
@@ -147,6 +153,7 @@ fn no_tick_allocates() {
         config_of("default.toml", &["servo.object.moves=true"]),
         config_of("ur5.toml", &["servo.return_to_last_seen=true"]),
         config_of("ur5-path.toml", &[]),
+        config_of("ur5-two-cameras.toml", &[]),
         config_of("ur5.toml", &LIMITS_IN_SPACE),
         config_of(
             "panda.toml",

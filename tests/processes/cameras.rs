@@ -79,7 +79,10 @@ fn several_cameras_or_an_absent_one_are_refused() {
         let output = vservo().args(&arguments).arg(&file).output().unwrap();
         let text = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(3), "{arguments:?}: {text}");
-        assert!(text.contains("control by several cameras is not built yet"), "{arguments:?}: {text}");
+        assert!(
+            text.contains("2 cameras, and nothing says how they control the arm"),
+            "{arguments:?}: {text}"
+        );
     }
     let output =
         vservo().args(["vision", "--camera", "2", "--instance", &instance.name]).arg(&file).output().unwrap();

@@ -65,5 +65,6 @@ mod stereo_tool;
 mod targets;
 mod torque_safety;
 mod trace;
+mod two_cameras;
 mod watch;
 mod wrong_description;

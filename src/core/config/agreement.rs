@@ -22,7 +22,7 @@ impl Config {
         } else {
             flatten("camera", camera, &mut keys); // else the first of the list
         }
-        for name in ["target", "stereo"] {
+        for name in ["target", "stereo", "second_view"] {
             flatten(name, part(name), &mut keys);
         }
         // What stands under a name is one value: clients read it.

@@ -13,7 +13,6 @@ use crate::faults::JointFaults;
 use crate::imaging::ImageSizeError;
 use crate::linalg::Random;
 use crate::messages::MAX_JOINTS;
-use crate::mission::truth::Truth;
 use crate::mission::{BelievedCell, Goal, LockstepRun, LookAndMove, Mission, RunPlan, RunTask, Service};
 use crate::motion::{
     InverseDynamicsControl, JointController, JointLaw, MotionLimits, ObserverSettings, PdGravityControl,
@@ -23,13 +22,16 @@ use crate::robot::{Friction, Robot, RobotError};
 use crate::scene::{ArmHistory, Renderer, SceneError, SyntheticCamera};
 use crate::servo::VisualServo;
 use crate::vision::TaughtViewError;
-use nalgebra::{SVector, Vector2};
+use nalgebra::SVector;
 use thiserror::Error;
 
+mod cameras;
 mod effort_rates;
 mod stereo;
 mod vision;
 
+pub use cameras::{require_controllable, require_one_view};
+use cameras::{second_goal, second_servo, truth};
 pub use effort_rates::within_effort_rates;
 pub use stereo::{stereo_set_point, stereo_vision, taught_points, taught_view};
 use vision::measurement_faults;
@@ -57,12 +59,15 @@ pub enum AssembleError {
     /// The renderer rejects the scene.
     #[error(transparent)]
     Scene(#[from] SceneError),
-    /// Several cameras that are no pair, which control does not support.
+    /// Several cameras of which nothing says how they control the arm.
     #[error(
-        "[[cameras]]: {0} cameras: control by several cameras is not built yet; leave one, or make two of them a pair by [stereo] \
-         (processes of each may be started by hand: `vservo camera CONFIG --camera N`)"
+        "[[cameras]]: {0} cameras, and nothing says how they control the arm: of two, [second_view] says what the second one is to see, or [stereo] makes them a \
+         pair; more than two do not control (processes of each may be started by hand: `vservo camera CONFIG --camera N`)"
     )]
     SeveralCameras(usize),
+    /// A run by two cameras where one is expected.
+    #[error("[second_view]: {0} goes by one camera: leave out [second_view] and the second of [[cameras]]")]
+    SecondView(&'static str),
     /// The true model of the simulated arm is invalid.
     #[error(transparent)]
     Arm(#[from] RobotError),
@@ -128,21 +133,6 @@ pub fn motion_limits<const N: usize>(
         joint_vector("motion.max_acceleration_rad_s2_or_m_s2", &motion.max_acceleration)?,
         joint_vector("motion.max_jerk_rad_s3_or_m_s3", &motion.max_jerk)?,
     ))
-}
-
-/// Rejects configurations that control does not support: several cameras that are no pair, or a pair without a goal.
-///
-/// # Errors
-/// [`AssembleError::SeveralCameras`], [`AssembleError::NotTaught`].
-pub fn require_controllable(config: &Config) -> Result<(), AssembleError> {
-    if config.stereo.as_ref().is_some_and(|stereo| stereo.taught.is_none()) && config.scene.is_none() {
-        return Err(AssembleError::NotTaught);
-    }
-    match config.cameras().count() {
-        0 | 1 => Ok(()),
-        2 if config.stereo.is_some() => Ok(()),
-        several => Err(AssembleError::SeveralCameras(several)),
-    }
 }
 
 /// The renderer of the true scene of a configuration.
@@ -349,7 +339,6 @@ pub fn control_loop_with<const N: usize>(
         ..ControllerSettings::new(ArmModel { robot, limits }, joint_control, config.drive.mode, q_start)
     };
     let plays_once = is_recorded || matches!(config.camera.source, Source::Replay { repeat: false, .. });
-    let i = config.camera.model.intrinsics();
     let service = if config.serve {
         Service::Served
     } else {
@@ -361,7 +350,7 @@ pub fn control_loop_with<const N: usize>(
         duration: (!plays_once && !config.serve).then_some(config.duration),
         measurement_timeout: config.safety.measurement_timeout,
         closed_loop,
-        f_px: Vector2::new(i.fx_px, i.fy_px),
+        f_px: cameras::f_px(&config.camera),
         path: config.servo.path.clone(),
         law: config.servo.law.clone(),
         follows: config.servo.object.is_some(),
@@ -380,17 +369,15 @@ pub fn control_loop_with<const N: usize>(
         moves_an_arm: closed_loop,
         one_clock: config.clock == Clock::Realtime,
     };
-    let control = ControlLoop::new(Controller::new(settings, servo, behaviour), drive, of_loop);
+    let controller = Controller::new(settings, servo, behaviour).with_second(second_servo(config, watch));
+    let control = ControlLoop::new(controller, drive, of_loop);
     let further = config.further_targets.iter().map(|further| further.set_point.clone());
-    // Of a pair of cameras the lens is no single one, and a target that moves tells nothing of the lens.
-    let keeps = closed_loop && config.task == Task::Servo && config.stereo.is_none();
+    // Of two cameras the lens is no single one, and a target that moves tells nothing of the lens.
+    let keeps = closed_loop && config.task == Task::Servo && config.further_cameras.is_empty();
     let keeps = keeps && config.servo.object.is_none() && config.servo.estimation.is_none();
     let mission = Mission::new(plan, task, goal, truth).with_further_goals(further).keeping_views(keeps);
+    let mission = mission.with_second_goal(second_goal(config)?);
     Ok(LockstepRun::new(control, mission.in_cell(planning).in_space(space)))
-}
-
-fn truth<const N: usize>(scene: &Scene) -> Result<Truth<N>, AssembleError> {
-    Ok(Truth { robot: scene.arm.build()?, mount: scene.mount, objects: scene.places().collect() })
 }
 
 fn joint_controller<const N: usize>(

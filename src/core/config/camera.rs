@@ -27,9 +27,15 @@ impl Config {
     }
 
     /// The configuration for the processes of camera `id`: `camera` is that one. `[scene.camera]` describes the true
-    /// parameters of the first camera; those of the others are the nominal ones. `None` where there is no such camera.
+    /// parameters of the first camera; those of the others are the nominal ones. A second camera that controls the arm has the target and the goal of
+    /// its own view. `None` where there is no such camera.
     #[must_use]
     pub fn seen_by(mut self, id: CameraId) -> Option<Self> {
+        if let Some(second) = self.second_view.take()
+            && second.cell.camera.id == id
+        {
+            return Some(*second.cell);
+        }
         let camera = self.cameras().find(|camera| camera.id == id)?.clone();
         if id != self.camera.id
             && let Some(scene) = &mut self.scene

@@ -5,7 +5,7 @@ use super::goal_file::{GoalFile, word};
 use super::raw::{DriveKind, MountKind, RawConfig, RawDrive, RawMotion, SetPointKind, Task};
 use super::targets::FIRST_TARGET;
 use super::{Config, ConfigError, DEFAULT_TOML, Document, Problem, SHIPPED_FILES, ShippedFile};
-use super::{lens_file, pose_forms, stereo, tables, validate};
+use super::{lens_file, pose_forms, second_view, stereo, tables, validate};
 use crate::geometry::{Pose, roll_pitch_yaw};
 use crate::input::{file, nearest};
 use crate::robot::{Mount, RobotDescription};
@@ -105,6 +105,10 @@ impl Draft {
         let Self { raw, document, mut problems, more, needed, renamed, .. } = self;
         match validate::validate(raw, &document, views, &mut problems) {
             Some(mut config) if problems.is_empty() => {
+                second_view::add(&mut config, &document, views, &mut problems);
+                if !problems.is_empty() {
+                    return Err(ConfigError::new(problems, more).beside(needed));
+                }
                 config.warnings.extend(needed.into_iter().chain(renamed));
                 Ok(config)
             }

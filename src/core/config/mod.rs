@@ -27,6 +27,7 @@ mod program;
 mod raw;
 mod refined;
 mod scene;
+mod second_view;
 mod selection;
 mod servo;
 mod shipped;
@@ -50,6 +51,7 @@ pub use program::{NamedPlaces, Program, ProgramStep, StepAction};
 pub use raw::{Clock, DriveKind, JointControl, RealtimePolicy, ResumePolicy, SchemeKind, SetPointKind, Task};
 pub use raw::{RawNamedGoal, RawPosture};
 pub use scene::{Scene, SceneObject};
+pub use second_view::SecondView;
 pub use shipped::{SHIPPED_FILES, ShippedFile};
 pub use source::Document;
 pub use stereo::{Stereo, taught_file};
@@ -101,6 +103,8 @@ pub struct Config {
     pub further_cameras: Vec<Camera>,
     /// Settings of the pair, where the first two cameras measure together.
     pub stereo: Option<Stereo>,
+    /// What the second camera sees and is to see, where both control the arm.
+    pub second_view: Option<SecondView>,
     /// The target.
     pub target: Target,
     /// Further targets, in the order of their names: their numbers count from 1.

@@ -56,6 +56,13 @@ pub(super) fn resolve(raw: &mut RawConfig, document: &Document, problems: &mut V
         }
     }
     one("scene.object", &mut raw.scene.object);
+    if let Some(second) = &mut raw.second_view {
+        for (i, face) in second.target.points.tags.iter_mut().enumerate() {
+            one(&format!("second_view.target.points.tags[{i}]"), face);
+        }
+        one("second_view.object", &mut second.object);
+        one("second_view.desired", &mut second.desired);
+    }
     for (name, object) in &mut raw.scene.objects {
         one(&format!("scene.objects.{name}"), object);
     }

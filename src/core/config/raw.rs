@@ -12,6 +12,7 @@ mod drive;
 mod faults;
 mod motion;
 mod named_goal;
+mod second_view;
 mod servo;
 mod stereo;
 mod truth;
@@ -28,6 +29,7 @@ pub(super) use faults::{FaultKind, RawFault};
 pub use motion::JointControl;
 pub(super) use motion::RawMotion;
 pub use named_goal::{RawNamedGoal, RawPosture};
+pub(super) use second_view::RawSecondView;
 pub(super) use servo::{AreaKind, DampingOn, Depth, FeatureGain, Gains, PoseFrom, RawServo};
 pub use servo::{SchemeKind, SetPointKind};
 pub(super) use stereo::{RawStereo, RawTaughtPoint, RawTaughtView};
@@ -52,6 +54,8 @@ table! {
         cameras: Vec<RawCamera> = Vec::new(),
         /// `[stereo]`: the first two cameras as a pair
         stereo: Option<RawStereo> = None,
+        /// `[second_view]`: the second camera controls the arm beside the first one
+        second_view: Option<RawSecondView> = None,
         /// `[target]`
         target: RawTarget = RawTarget::default(),
         /// `[targets.NAME]`: further targets, one at a time, with the keys of `[target]`

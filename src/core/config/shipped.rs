@@ -54,6 +54,7 @@ shipped! {
     "ur5-hybrid";
     "ur5-mujoco" needs "examples/mujoco/mujoco_drive.py", "config/robot/ur5.urdf";
     "ur5-path";
+    "ur5-two-cameras";
     "ur5e-emulated";
     "xarm7";
 }

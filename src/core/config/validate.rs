@@ -33,6 +33,7 @@ use crate::scene::SceneMotion;
 use crate::servo::ServoSettings;
 use crate::time::{SpanNs, TICK};
 use crate::vision::{PoseApproach, VisionSettings};
+pub(super) use start::START;
 use std::ops::RangeInclusive;
 
 /// Bytes of frames that may be on their way at once, so that a lockstep run leaves room in a usual /dev/shm. Chosen.
@@ -273,6 +274,7 @@ pub(super) fn validate(
         camera: camera?,
         further_cameras,
         stereo,
+        second_view: None, // which is made of all of this
         target: target?,
         further_targets: further_targets?,
         scene,

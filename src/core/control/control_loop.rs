@@ -142,7 +142,7 @@ impl<const N: usize> ControlLoop<N> {
         let record = measurement.map(|m| MeasurementRecord {
             frame: FrameStamps::of(m),
             verdict: output.verdict,
-            degraded: self.controller.servo().is_degraded(),
+            degraded: self.controller.is_degraded(m.camera),
             error_px: f64::NAN,
             latency: None,
         });

@@ -223,6 +223,12 @@ pub enum Event {
     Searching,
     /// The view was lost where it was lost before, again and again: the arm holds.
     LostAgain,
+    /// Of two cameras that control the arm the first one does not see its target: the arm goes by the second.
+    FirstViewMissing,
+    /// The same of the second one.
+    SecondViewMissing,
+    /// Both see their targets again.
+    BothViews,
 }
 
 impl Event {
@@ -254,6 +260,9 @@ impl Event {
             Self::NeverSeen => "never_seen",
             Self::Searching => "searching",
             Self::LostAgain => "lost_again",
+            Self::FirstViewMissing => "first_view_missing",
+            Self::SecondViewMissing => "second_view_missing",
+            Self::BothViews => "both_views",
         }
     }
 }

@@ -1,5 +1,9 @@
 //! The errors at the end of a run.
 
+use super::MeasurementLog;
+use crate::geometry::{Pose, rotation_angle};
+use crate::servo::SetPoint;
+use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
 /// Errors as control estimates them, from the last measurement; `null` where unknown.
@@ -50,5 +54,31 @@ impl FinalErrors {
             |a: Option<f64>, b: Option<f64>, noise| a.zip(b).is_some_and(|(a, b)| (a - b).abs() > noise);
         apart(self.position_error_m, self.believed.position_error_m, NOISE_M)
             || apart(self.orientation_error_rad, self.believed.orientation_error_rad, NOISE_RAD)
+    }
+}
+
+/// Distance, m, and angle, rad, of the camera from the goal `set_point` when it sees the object at `X_CO`; `None` of a goal without a pose.
+pub(super) fn off_goal(set_point: &SetPoint, X_CO: &Pose) -> Option<(f64, f64)> {
+    let X_DC = set_point.X_DO()? * X_CO.inverse();
+    Some((X_DC.translation.vector.norm(), rotation_angle(&X_DC.rotation.to_rotation_matrix())))
+}
+
+/// Errors at the goal `set_point` of a camera with the focal lengths `f_px`, px, that truly sees the object at `true_view`, where that is known, or else by the last of its `measurements`.
+pub(super) fn errors_of(
+    set_point: &SetPoint,
+    f_px: &Vector2<f64>,
+    measurements: &MeasurementLog,
+    true_view: Option<Pose>,
+) -> FinalErrors {
+    let measured = measurements.last_found().and_then(|m| off_goal(set_point, &m.pose()?));
+    let believed = MeasuredErrors::new(measurements.error_px(), measured);
+    let errors = true_view.map_or(believed, |X_CO| {
+        MeasuredErrors::new(set_point.error_rms_px_at(&X_CO, f_px), off_goal(set_point, &X_CO))
+    });
+    FinalErrors {
+        feature_error_px: errors.feature_error_px,
+        position_error_m: errors.position_error_m,
+        orientation_error_rad: errors.orientation_error_rad,
+        believed,
     }
 }

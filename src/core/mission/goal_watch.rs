@@ -7,11 +7,13 @@ use super::{Goal, Mission};
 use crate::control::outcome::{Finish, Outcome};
 use crate::control::trace::Event;
 use crate::messages::Measurement;
-use crate::servo::View;
+use crate::servo::{SetPoint, View};
 use crate::time::{MonoNs, SpanNs};
+use nalgebra::Vector2;
 
 /// The end of a run that has met its goal.
-const CONVERGED: Finish = Finish { outcome: Outcome::Converged, reason: "the goal was reached and held" };
+pub(super) const CONVERGED: Finish =
+    Finish { outcome: Outcome::Converged, reason: "the goal was reached and held" };
 /// The same in the mean; the confidence follows from the quantile in [`super::goal_mean`].
 const CONVERGED_IN_MEAN: Finish = Finish {
     outcome: Outcome::Converged,
@@ -42,14 +44,8 @@ pub(super) struct GoalWatch {
 impl<const N: usize> Mission<N> {
     /// Takes in the measurement `m` at `now`, whose feature error is `error_px`, NaN where it has none, and whether the goal is at rest.
     pub(super) fn watch_goal(&mut self, now: MonoNs, m: &Measurement, error_px: f64, arrived: bool) {
-        let Goal { set_point, tolerance_px, hold, .. } = &self.goal;
-        let watch = &mut self.goal_watch;
-        watch.note_error(now, error_px, *tolerance_px, arrived);
-        match View::of(m, set_point).filter(|_| arrived && error_px.is_finite()) {
-            Some(view) => watch.mean.note(now, &view, (set_point, &self.plan.f_px), stated_px2(m)),
-            None => watch.mean.begin_anew(),
-        }
-        watch.met_in_mean = watch.mean.met(now, *tolerance_px, *hold);
+        let Self { goal, goal_watch, plan, .. } = self;
+        goal_watch.watch((now, m), (error_px, arrived), (&goal.set_point, goal), &plan.f_px);
     }
 }
 
@@ -65,6 +61,28 @@ impl GoalWatch {
         self.mean.begin_anew();
         (self.met_since, self.met_in_mean, self.reached_since) = (None, None, None);
         (self.scatter_px2, self.is_away) = (0.0, false);
+    }
+
+    /// Takes in a measurement that came at a time, with its feature error, px, NaN where it has none, and whether the goal is at rest: of `set_point`, within the tolerance
+    /// and for the time of `goal`, by a lens with the focal lengths `f_px`.
+    pub(super) fn watch(
+        &mut self,
+        (now, m): (MonoNs, &Measurement),
+        (error_px, arrived): (f64, bool),
+        (set_point, goal): (&SetPoint, &Goal),
+        f_px: &Vector2<f64>,
+    ) {
+        self.note_error(now, error_px, goal.tolerance_px, arrived);
+        match View::of(m, set_point).filter(|_| arrived && error_px.is_finite()) {
+            Some(view) => self.mean.note(now, &view, (set_point, f_px), stated_px2(m)),
+            None => self.mean.begin_anew(),
+        }
+        self.met_in_mean = self.mean.met(now, goal.tolerance_px, goal.hold);
+    }
+
+    /// Whether the last error was beyond what a goal that was reached allows.
+    pub(super) fn is_away(&self) -> bool {
+        self.is_away
     }
 
     /// Takes in the feature error of a measurement at `now`, px, NaN where it has none; `arrived` says whether the goal is at rest.

@@ -30,6 +30,7 @@ mod plan;
 pub mod requests;
 pub mod residual;
 pub mod run_end;
+mod second_goal;
 mod status;
 mod task;
 mod teaching;
@@ -43,6 +44,7 @@ pub use look_and_move::LookAndMove;
 pub use measurement_log::{MeasurementLog, VisionCounts};
 pub use model_error::{DescriptionError, ModelError, ModelErrorLog};
 pub use plan::{Goal, RunPlan, Service};
+pub use second_goal::SecondGoal;
 pub use task::{BelievedCell, RunTask};
 
 use crate::control::lifecycle::Request;
@@ -84,6 +86,8 @@ pub struct Mission<const N: usize> {
     plan: RunPlan,
     task: RunTask<N>,
     goal: Goal,
+    /// That of a second camera that controls the arm, too.
+    second: Option<Box<SecondGoal<N>>>,
     /// The last goal of each target, by the targets' numbers.
     goals: Vec<SetPoint>,
     truth: Option<Truth<N>>,
@@ -144,6 +148,7 @@ impl<const N: usize> Mission<N> {
             task,
             goals: vec![goal.set_point.clone()],
             goal,
+            second: None,
             truth,
             measurements: MeasurementLog::new(),
             teacher,
@@ -200,6 +205,7 @@ impl<const N: usize> Mission<N> {
         }
         self.task.note_rest(&vector(&js.q), self.rest.is_at_rest());
         if let (Some(m), Some(verdict)) = (measurement, trace.measurement_record.map(|record| record.verdict))
+            && !self.count_second(trace, m, verdict)
         {
             self.learn(m, verdict);
             self.count(trace, m, verdict);
@@ -214,7 +220,7 @@ impl<const N: usize> Mission<N> {
         }
         let tells = js.tick.is_multiple_of(STATUS_PERIOD);
         if tells {
-            self.residual.note_arm(now, self.rest.is_at_rest());
+            self.note_arm_at_goals(now);
             self.adapt_gain();
         }
         self.judge(trace);
@@ -242,7 +248,7 @@ impl<const N: usize> Mission<N> {
                 Event::Returning => self.searches = false,
                 Event::Requested(Request::Start) => {
                     self.views.iter_mut().for_each(RunViewLog::begin_anew);
-                    self.goal_watch.begin_anew();
+                    self.watch_goals_anew();
                     self.is_reduced = false;
                     // What an earlier start came to says nothing about this one.
                     self.residual.begin_anew();
@@ -357,6 +363,7 @@ impl<const N: usize> Mission<N> {
         let Some(finish) = self.end.decided() else { return };
         if self.errors_at_end.is_none() {
             self.errors_at_end = Some(self.errors());
+            self.keep_second_errors();
             self.q_at_end = Some(vector(&self.joint_state.q));
         }
         if !std::mem::replace(&mut self.end_sent, true) {
@@ -376,10 +383,11 @@ impl<const N: usize> Mission<N> {
     fn reached(&mut self, trace: &mut Trace) -> Option<Finish> {
         let (now, servoing) = (trace.time, self.state == ControlState::Servoing);
         let has_goal = self.plan.closed_loop && matches!(self.task, RunTask::Servo | RunTask::LookAndMove(_));
-        let held = self.goal_watch.held(now, self.goal.hold).filter(|_| servoing && has_goal);
+        let held = self.held(now).filter(|_| servoing && has_goal);
         if self.plan.service == Service::Served {
+            let away = self.second_is_away(now);
             self.goal_watch
-                .change(servoing, held.is_some())
+                .change(servoing && !away, held.is_some())
                 .into_iter()
                 .for_each(|event| trace.events.push(event));
             return None;
@@ -417,7 +425,8 @@ impl<const N: usize> Mission<N> {
         let stays = || self.residual.constant_px(goal_px).map(why).or_else(no_nearer);
         let in_view = self.measurements.last().is_some_and(Measurement::found);
         let held_off = self.held_off.filter(|at| now - *at < LATELY).map(|_| HELD_OFF);
-        let when_late = held_off
+        let known = held_off.or_else(|| self.why_not_both(now, trace));
+        let when_late = known
             .or_else(|| self.task.when_late(in_view))
             .or_else(|| stays().filter(|_| servoing && has_goal));
         let are_old = self.measurements.are_older_than(self.plan.measurement_timeout);

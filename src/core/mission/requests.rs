@@ -104,6 +104,9 @@ impl<const N: usize> Mission<N> {
         if command.target != 0 && request != Request::Goal {
             return Err(Refusal::WrongNumbers);
         }
+        if self.second.is_some() && matches!(request, Request::Goal | Request::Teach) {
+            return Err(Refusal::UnknownCamera);
+        }
         let (change, order) = match (request, form) {
             (Request::Start, None) => (Some(MissionChange::Start), None),
             (Request::Hold | Request::Teach | Request::Reset | Request::Stop | Request::Shutdown, None) => {
@@ -132,7 +135,7 @@ impl<const N: usize> Mission<N> {
                 continue;
             }
             match change {
-                MissionChange::Start => self.goal_watch.begin_anew(),
+                MissionChange::Start => self.watch_goals_anew(),
                 MissionChange::Goal(set_point) => self.set_goal(set_point),
                 MissionChange::Tolerance(px) => self.goal.tolerance_px = px,
                 MissionChange::Hold(hold) => self.goal.hold = hold,

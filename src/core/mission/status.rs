@@ -1,10 +1,11 @@
 //! Errors and status of a run.
 
-use super::{Accuracy, DescriptionError, FinalErrors, Goal, MeasuredErrors, MeasurementLog, Mission};
+use super::errors::{errors_of, off_goal};
+use super::{Accuracy, DescriptionError, FinalErrors, Goal, MeasurementLog, Mission};
 use crate::control::outcome::Finish;
 use crate::control::safety::ContactNumbers;
 use crate::control::trace::Trace;
-use crate::geometry::{Pose, rotation_angle};
+use crate::geometry::Pose;
 use crate::messages::{ControlState, Status, status_flag};
 use crate::time::{SpanNs, TICK};
 
@@ -47,25 +48,23 @@ impl<const N: usize> Mission<N> {
     /// The target of the goal in the camera in simulated truth, m.
     fn true_view(&self) -> Option<Pose> {
         let q = self.q_true()?;
-        let since = self.last - self.first.unwrap_or(self.last);
-        self.truth.as_ref()?.X_CT(self.goal.set_point.target(), &q, since)
+        self.truth.as_ref()?.X_CT(self.goal.set_point.target(), &q, self.since_first())
+    }
+
+    /// From the first tick to the last one.
+    pub(super) fn since_first(&self) -> SpanNs {
+        self.last - self.first.unwrap_or(self.last)
     }
 
     /// Position and orientation of the camera relative to the desired one, from truth or else from the last pose.
     fn pose_errors(&self) -> Option<(f64, f64)> {
         let X_CO = self.true_view().or_else(|| self.measured_view())?;
-        self.off_goal(&X_CO)
+        off_goal(&self.goal.set_point, &X_CO)
     }
 
     /// The object in the camera by the last measurement, m.
     fn measured_view(&self) -> Option<Pose> {
         self.measurements.last_found()?.pose()
-    }
-
-    /// Distance, m, and angle, rad, of the camera from the desired one when it sees the object at `X_CO`.
-    fn off_goal(&self, X_CO: &Pose) -> Option<(f64, f64)> {
-        let X_DC = self.goal.set_point.X_DO()? * X_CO.inverse();
-        Some((X_DC.translation.vector.norm(), rotation_angle(&X_DC.rotation.to_rotation_matrix())))
     }
 
     /// Errors when the end of the run was decided, or now: the displacement of braking at the end does not count.
@@ -96,24 +95,7 @@ impl<const N: usize> Mission<N> {
 
     /// Errors now: against simulated truth where there is one, else from the last measurement.
     pub(super) fn errors(&self) -> FinalErrors {
-        let set_point = &self.goal.set_point;
-        let believed = MeasuredErrors::new(
-            self.measurements.error_px(),
-            self.measured_view().and_then(|X_CO| self.off_goal(&X_CO)),
-        );
-        let errors = match self.true_view() {
-            Some(X_CO) => {
-                let feature_error_px = set_point.error_rms_px_at(&X_CO, &self.plan.f_px);
-                MeasuredErrors::new(feature_error_px, self.off_goal(&X_CO))
-            }
-            None => believed,
-        };
-        FinalErrors {
-            feature_error_px: errors.feature_error_px,
-            position_error_m: errors.position_error_m,
-            orientation_error_rad: errors.orientation_error_rad,
-            believed,
-        }
+        errors_of(&self.goal.set_point, &self.plan.f_px, &self.measurements, self.true_view())
     }
 
     pub(super) fn status(&self, trace: &Trace) -> Status {
@@ -128,7 +110,12 @@ impl<const N: usize> Mission<N> {
             sequence: self.statuses,
             stamp: trace.time,
             time_s: self.duration_s(),
-            feature_error_px: self.measurements.error_px(),
+            // Of two cameras the larger one, since both goals are to be reached.
+            feature_error_px: self
+                .second
+                .as_ref()
+                .map_or(f64::NAN, |second| second.error_px())
+                .max(self.measurements.error_px()),
             position_error_m,
             orientation_error_rad,
             exposure_to_command_us: us(latency.exposure_to_command),

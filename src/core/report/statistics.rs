@@ -4,7 +4,7 @@
 use super::latency::LatencyTable;
 use super::summary::{HeldBy, Latencies, LimitedTicks, SafetyEvent, SafetyReport};
 use crate::control::trace::{Event, Trace};
-use crate::messages::{ControlState, JointState};
+use crate::messages::{CameraId, ControlState, JointState};
 use crate::motion::{Limit, LimitWatch, SpaceLimit, WorkspaceSettings};
 use crate::time::MonoNs;
 use std::collections::VecDeque;
@@ -77,7 +77,10 @@ impl RunStatistics {
         self.first.get_or_insert(trace.time);
         self.hash_state(&trace.joint_state);
         if let Some(latest) = &trace.measurement_record {
-            self.settle(trace.time, latest.error_px);
+            // Of two cameras that control the arm the first one tells when it has settled.
+            if latest.frame.camera == u32::from(CameraId::FIRST) {
+                self.settle(trace.time, latest.error_px);
+            }
             if let Some(latency) = &latest.latency {
                 self.latencies.record(latency);
             }
@@ -214,6 +217,11 @@ pub fn describe(event: Event) -> String {
         Event::LostAgain => {
             "the target is lost for the third time where it was lost before: the arm holds. Something stands in the way of the view or of the arm there, such as a plane of [workspace], a limit or an obstacle"
         }
+        Event::FirstViewMissing => "the first camera does not see its target: the arm goes by the second one",
+        Event::SecondViewMissing => {
+            "the second camera does not see its target: the arm goes by the first one"
+        }
+        Event::BothViews => "both cameras see their targets: the arm goes by both",
         Event::NeverSeen => {
             "the target of the goal is not in view and was never seen whole in this run: bring the arm to where it is, by `vservo ctl goto`, `goto` of a program or [postures]"
         }

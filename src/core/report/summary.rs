@@ -3,14 +3,16 @@
 mod contact_report;
 mod found_payload;
 mod load_calibration;
+mod second_camera_report;
 mod stamp_calibration;
 mod times;
 
 pub use contact_report::ContactReport;
 pub use found_payload::FoundPayload;
 pub use load_calibration::{JointFriction, LoadCalibration};
+pub use second_camera_report::SecondCameraReport;
 pub use stamp_calibration::StampCalibration;
-pub use times::{Latencies, RealtimeReport, TickTimes};
+pub use times::{Latencies, ProcessUsage, RealtimeReport, TickTimes};
 
 use crate::control::outcome::Outcome;
 use crate::mission::measurement_log::VerdictCounts;
@@ -26,17 +28,6 @@ use std::fmt::Write as _;
 
 /// How the reason of a summary begins that was made of a recording which ends before its run.
 pub const RECORDING_ENDS: &str = "the recording ends before the run";
-
-/// What one of the run's processes used, from its start to its end.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
-pub struct ProcessUsage {
-    /// Time on any core, s.
-    pub cpu_s: f64,
-    /// The same as a share of one core's time; above 1 for several busy threads.
-    pub cpu_share: f64,
-    /// Most memory that it had at once, MB, shared memory that it touched included.
-    pub max_resident_mb: f64,
-}
 
 /// Something that safety saw.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -213,6 +204,9 @@ pub struct Summary {
     /// How near the features stayed to a goal that moves on a path; left out for a goal at rest.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub path: Option<PathTracking>,
+    /// What the second of two cameras that control the arm saw, and its goal; left out of runs with one. The rest is of the first camera.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub second_camera: Option<SecondCameraReport>,
 }
 
 /// A duration of a histogram, us, to the digits that its buckets resolve: their width is 1.6 to 3.1 % of the duration.
@@ -269,6 +263,7 @@ impl Summary {
             load: None,
             stability: None,
             path: None,
+            second_camera: None,
         }
     }
 
@@ -339,6 +334,9 @@ impl Summary {
                 or_unknown(b.position_error_m, 1e3, "mm"),
                 or_unknown(b.orientation_error_rad, 180.0 / std::f64::consts::PI, "deg"),
             );
+        }
+        if let Some(second) = &self.second_camera {
+            let _ = writeln!(t, "second camera {}", second.to_text());
         }
         if let Some(accuracy) = &self.accuracy {
             let _ = writeln!(t, "accuracy      {}", accuracy.to_text());

@@ -15,6 +15,8 @@
 //! | D, (10.87), (10.89)-(10.91) | [`image_task`]; [`image_task_by`] with a matrix | [`joint_velocity`] |
 //! | hybrid, (10.92)-(10.97) | [`hybrid_task`] | [`joint_velocity`] |
 //!
+//! Two cameras that move one arm have a law each, and [`compromise`] makes one joint velocity of both.
+//!
 //! A task lives in the camera's frame and knows nothing of the arm. The arm enters by [`CameraJacobian`](crate::robot::CameraJacobian), the
 //! camera's motion in the frame in which the object rests, so that one implementation serves a camera in the hand and one beside
 //! the arm, and m = 4 and m = 6: with the four joints of a SCARA the least-squares solution among the motions that it can
@@ -55,6 +57,7 @@
 //! # Ok::<(), &str>(())
 //! ```
 
+mod compromise;
 mod convergence;
 mod first_motion;
 mod gain;
@@ -87,6 +90,7 @@ mod view;
 mod visibility;
 mod visual_servo;
 
+pub use compromise::{JointWish, compromise};
 pub use convergence::Convergence;
 pub use gain::Gain;
 pub use gain_matrix::{FeatureEntries, FeatureMatrix, GainMatrix, NoGainMatrix, eigenvalue_range};

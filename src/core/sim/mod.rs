@@ -9,6 +9,7 @@ mod hand_eye_session;
 mod perfect_camera;
 pub mod place;
 pub mod preflight;
+mod second_eye;
 mod system;
 pub mod tune;
 

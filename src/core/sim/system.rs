@@ -7,14 +7,15 @@
 
 use super::closed_loop::{self, ClosedLoop};
 use super::commander::{Commander, CommanderSight, WantedMotion};
+use super::second_eye::{SecondEye, exposed};
+use crate::config::Config;
 use crate::config::assemble::{self, AnyDrive, AssembleError};
-use crate::config::{Camera, Config};
 use crate::control::behaviour::CommandedMotion;
 use crate::control::order::ControlOrder;
 use crate::control::outcome::{Finish, Outcome};
 use crate::control::trace::Trace;
 use crate::imaging::{ImageSizeError, ImageView};
-use crate::messages::{FrameHeader, Measurement};
+use crate::messages::Measurement;
 use crate::mission::{FinalErrors, LockstepRun, ModelError};
 use crate::report::statistics::RunStatistics;
 use crate::robot::{Robot, RobotError};
@@ -53,6 +54,8 @@ pub struct SystemRun {
     pub finish: Finish,
     /// Errors at the end, against truth.
     pub errors: FinalErrors,
+    /// The same of a second camera that controls the arm, too; `None` without one.
+    pub second_errors: Option<FinalErrors>,
     /// To 2 % of the first feature error, s.
     pub settling_time_s: Option<f64>,
     /// How often the target was lost.
@@ -144,6 +147,7 @@ fn simulated<'a>(
     crate::dispatch_robot!(config.robot, |robot| {
         let camera = assemble::synthetic_camera(config)?;
         let right = right_camera(config)?;
+        let second = SecondEye::of(config)?;
         let drive = drives.drive(config, &robot)?;
         let mut control = assemble::control_loop_with(config, robot, drive)?;
         if commander.is_some() && !control.control.hand_over() {
@@ -159,6 +163,7 @@ fn simulated<'a>(
             choice: TargetChoice::default(),
             camera,
             right,
+            second,
             pixels,
             commander,
             frames: VecDeque::new(),
@@ -170,6 +175,7 @@ fn simulated<'a>(
         Ok(SystemRun {
             finish,
             errors: system.control.final_errors(),
+            second_errors: system.control.mission.second_errors(),
             settling_time_s: system.statistics.settling_time_s(),
             target_lost: measurements.vision_counts().target_lost,
             model_error: measurements.model_error().report(&config.camera.model, &config.target),
@@ -210,27 +216,6 @@ fn right_camera<const N: usize>(config: &Config) -> Result<Option<RightCamera<N>
     Ok(Some(RightCamera { config, camera, pixels }))
 }
 
-/// Exposes `exposure`: the header of the frame, and its image.
-fn exposed<'a, const N: usize>(
-    camera: &Camera,
-    source: &mut SyntheticCamera<N>,
-    exposure: &Exposure,
-    pixels: &'a mut [u8],
-) -> Result<Frame<'a>, ImageSizeError> {
-    source.expose(exposure, pixels);
-    let i = camera.model.intrinsics();
-    let image = ImageView::new(pixels, i.width_px as usize, i.height_px as usize)?;
-    let header = FrameHeader {
-        frame_id: exposure.frame_id,
-        exposure: camera.stamp(source.stamped()),
-        camera: camera.id.into(),
-        width_px: i.width_px,
-        height_px: i.height_px,
-        ..FrameHeader::default()
-    };
-    Ok(Frame { header, image })
-}
-
 /// The cores of the processes.
 struct System<'a, const N: usize> {
     config: &'a Config,
@@ -240,6 +225,8 @@ struct System<'a, const N: usize> {
     choice: TargetChoice,
     camera: SyntheticCamera<N>,
     right: Option<RightCamera<N>>,
+    /// A second camera that controls the arm beside the first one.
+    second: Option<SecondEye<N>>,
     pixels: Vec<u8>,
     commander: Option<&'a mut dyn Commander>,
     /// Frames that are on their way to a commander that looks at them.
@@ -263,6 +250,9 @@ impl<const N: usize> ClosedLoop for System<'_, N> {
         self.camera.arm(&state);
         if let Some(right) = &mut self.right {
             right.camera.arm(&state);
+        }
+        if let Some(second) = &mut self.second {
+            second.note(&state);
         }
         self.carrier.note(&state);
         self.choice.note(&state);
@@ -296,6 +286,11 @@ impl<const N: usize> ClosedLoop for System<'_, N> {
     }
 
     fn act(&mut self, tick: u64, seen: Option<Measurement>) -> ControlFlow<Self::Outcome> {
+        let seen = match self.second.as_mut().map(|second| second.see(tick, seen)) {
+            Some(Err(e)) => return Break(Err(e.into())),
+            Some(Ok(seen)) => seen,
+            None => seen,
+        };
         if let Some(measurement) = &seen
             && (self.watch)(&Moment::Seen(measurement)).is_break()
         {

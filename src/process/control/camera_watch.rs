@@ -8,7 +8,7 @@ use crate::messages::{CameraHealth, CameraState, Status};
 use crate::rt::now;
 use crate::time::MonoNs;
 
-/// The latest health records of the cameras that control uses: of one, or of a pair.
+/// The latest health records of the cameras that control uses: of one, or of two.
 pub(super) struct CameraWatch {
     cameras: Vec<WatchedCamera>,
 }
@@ -22,16 +22,19 @@ struct WatchedCamera {
 }
 
 impl CameraWatch {
-    /// Of the camera of `config`, or of both of its pair; simulated ones have nothing to say.
+    /// Of the camera of `config`, or of both that it uses; simulated ones have nothing to say.
     pub(super) fn open(services: &Services, config: &Config) -> Result<Self, IpcError> {
         let watched = |name, camera: &Camera| -> Result<WatchedCamera, IpcError> {
             let speaks = camera.source.kind().timing() == Timing::FreeRunning;
             let port = speaks.then(|| services.health_receiver(camera.id)).transpose()?;
             Ok(WatchedCamera { name, port, newest: None })
         };
-        let cameras = match (&config.stereo, config.further_cameras.first()) {
-            (Some(_), Some(right)) => {
+        let cameras = match (&config.stereo, &config.second_view, config.further_cameras.first()) {
+            (Some(_), _, Some(right)) => {
                 vec![watched("left camera", &config.camera)?, watched("right camera", right)?]
+            }
+            (_, Some(_), Some(second)) => {
+                vec![watched("first camera", &config.camera)?, watched("second camera", second)?]
             }
             _ => vec![watched("camera", &config.camera)?],
         };

@@ -20,6 +20,8 @@ pub(super) fn log<const N: usize>(trace: &Trace, mission: &Mission<N>) {
             | Event::Searching
             | Event::LostAgain
             | Event::GoalLeft
+            | Event::FirstViewMissing
+            | Event::SecondViewMissing
             | Event::StartsElsewhere => {
                 warn!(event = word, state, goal, feature_error_px = error_px, time_s, tick, "{what}");
             }

@@ -11,18 +11,19 @@ use super::recorder_pace::RecorderPace;
 use super::requests::{Answered, ClientRequest};
 use super::stops::Stops;
 use super::{Listeners, Pace, Ports};
-use crate::config::Config;
+use crate::config::{Camera, Config};
 use crate::control::safety::Fault;
 use crate::drive::DriveFault;
-use crate::ipc::{Role, Spin};
+use crate::ipc::{Receiver, Role, Spin, WakeListener};
 use crate::messages::{Measurement, frame_flag};
 use crate::mission::LockstepRun;
 use crate::process::STOP_REASON;
 use crate::process::silence::Silence;
 use crate::process::{LONGEST_SPIN, LONGEST_WAIT, Membership, ProcessError, WAKE_AHEAD};
-use crate::process::{frame_shape, seeing_roles, shape_of};
+use crate::process::{frame_shape, second_vision, seeing_cameras, seeing_roles, shape_of};
 use crate::report::statistics::RunStatistics;
 use crate::rt::now;
+use crate::scene::FrameSchedule;
 use crate::time::TICK;
 use crate::time::{MonoNs, SpanNs};
 use std::collections::VecDeque;
@@ -40,13 +41,10 @@ pub(super) fn wait_for_peers(
     config: &Config,
     stops: &Stops,
 ) -> Result<(), ProcessError> {
-    let further: Vec<_> = config
-        .further_cameras
-        .iter()
-        .filter(|_| config.stereo.is_some())
-        .map(|camera| (camera.id, shape_of(camera, config.clock)))
-        .collect();
-    let presence = membership.services().peer_presence((config.camera.id, frame_shape(config)), &further)?;
+    let further: Vec<_> =
+        seeing_cameras(config).skip(1).map(|camera| (camera.id, shape_of(camera, config.clock))).collect();
+    let first = (config.camera.id, frame_shape(config));
+    let presence = membership.services().peer_presence(first, &further, second_vision(config))?;
     let began = now();
     let mut told = None;
     while !stops.end_the_start() {
@@ -83,21 +81,17 @@ pub(super) fn run<const N: usize>(
     listeners: &mut Listeners<N>,
     stops: &Stops,
 ) -> Result<(LockstepRun<N>, RunStatistics, Pace), ProcessError> {
-    let schedule = &config.camera.schedule;
-    let spin = Spin::new(LONGEST_SPIN);
-    let seeing = seeing_roles(config);
-    let mut inbox = Inbox {
-        waiting: VecDeque::new(),
-        last_frame: None,
-        is_reserved: false,
-        peers_hang: false,
-        seeing,
-        spin,
-    };
+    let seen = seeing_cameras(config);
+    let mut inbox = Inbox::new(config, &config.camera, (&ports.measurements, &ports.wake_listener));
+    let second = config.second_view.as_ref().zip(ports.second.as_ref());
+    let mut second = second
+        .map(|(view, (measurements, wake))| Inbox::new(config, &view.cell.camera, (measurements, wake)));
+    // A measurement of the second camera that waits for a tick without one of the first.
+    let mut delayed = None;
     let mut pace = RecorderPace::new(config);
-    let mut next_exposure = schedule.next_exposure_tick(0);
+    let next_after = |tick| seen.clone().map(|camera| camera.schedule.next_exposure_tick(tick)).min();
+    let mut next_exposure = next_after(0).unwrap_or(u64::MAX);
     let mut statistics = RunStatistics::new(config.robot.joint_names());
-    let mut next_frame = 0;
     let mut tick = 0;
     // The first failure of the transport: from then on nothing is waited for but the drive, and the arm comes to rest.
     let mut broken = None;
@@ -118,8 +112,8 @@ pub(super) fn run<const N: usize>(
         }
         ports.membership.beat();
         let state = control.sense(tick, now);
-        if schedule.frame_at(tick).is_some() {
-            next_exposure = schedule.next_exposure_tick(tick);
+        if seen.clone().any(|camera| camera.schedule.frame_at(tick).is_some()) {
+            next_exposure = next_after(tick).unwrap_or(u64::MAX);
             note(&mut broken, ports.joint_state.send(&state));
         } else {
             note(&mut broken, ports.joint_state.send_quietly(&state));
@@ -136,23 +130,18 @@ pub(super) fn run<const N: usize>(
                 note(&mut broken, ports.requests.send(|| record));
             }
         }
-        let (mut measurement, before) = (None, next_frame);
-        while schedule.usable_tick(next_frame) == tick {
-            if !schedule.is_lost(next_frame) && broken.is_none() {
-                let _span = debug_span!("measurement", frame = next_frame).entered();
-                match inbox.measurement_of(next_frame, ports, stops) {
-                    Ok(here) => measurement = here.or(measurement),
-                    Err(error) => note(&mut broken, Err(error)),
-                }
-            }
-            next_frame += 1;
+        let before = inbox.next_frame;
+        let mut measurement = inbox.due_at(tick, (ports.membership, stops), &mut broken);
+        if let Some(second) = &mut second {
+            delayed = second.due_at(tick, (ports.membership, stops), &mut broken).or(delayed);
+            measurement = measurement.or_else(|| delayed.take());
         }
-        if inbox.peers_hang {
+        if inbox.peers_hang || second.as_ref().is_some_and(|second| second.peers_hang) {
             control.fail(Fault::PeersSilent);
         }
         // From here to the next frame nothing is waited for: the camera may wake up meanwhile.
         let ahead = next_exposure - tick;
-        if ahead == WAKE_AHEAD || (ahead < WAKE_AHEAD && next_frame > before) {
+        if ahead == WAKE_AHEAD || (ahead < WAKE_AHEAD && inbox.next_frame > before) {
             note(&mut broken, ports.joint_state.notify());
         }
         if let Some(m) = &measurement {
@@ -196,8 +185,13 @@ fn note<E: Into<ProcessError>>(broken: &mut Option<ProcessError>, result: Result
     }
 }
 
-/// Measurements that have arrived, in the order of their frames.
-struct Inbox {
+/// Measurements of one camera that have arrived, in the order of their frames.
+struct Inbox<'a> {
+    schedule: &'a FrameSchedule,
+    measurements: &'a Receiver<Measurement>,
+    wake_listener: &'a WakeListener,
+    /// The frame whose measurement is due next.
+    next_frame: u64,
     waiting: VecDeque<Measurement>,
     last_frame: Option<u64>,
     /// All of shared memory was, when the first measurement came: nothing moves before.
@@ -209,20 +203,62 @@ struct Inbox {
     spin: Spin,
 }
 
-impl Inbox {
+impl<'a> Inbox<'a> {
+    /// Of `camera`, whose measurements come by these ends.
+    fn new(
+        config: &Config,
+        camera: &'a Camera,
+        (measurements, wake_listener): (&'a Receiver<Measurement>, &'a WakeListener),
+    ) -> Self {
+        Self {
+            schedule: &camera.schedule,
+            measurements,
+            wake_listener,
+            next_frame: 0,
+            waiting: VecDeque::new(),
+            last_frame: None,
+            is_reserved: false,
+            peers_hang: false,
+            seeing: seeing_roles(config),
+            spin: Spin::new(LONGEST_SPIN),
+        }
+    }
+
+    /// The newest measurement that may be used from `tick` on, and not before.
+    fn due_at(
+        &mut self,
+        tick: u64,
+        (membership, stops): (&Membership, &Stops),
+        broken: &mut Option<ProcessError>,
+    ) -> Option<Measurement> {
+        let mut newest = None;
+        while self.schedule.usable_tick(self.next_frame) == tick {
+            let id = self.next_frame;
+            if !self.schedule.is_lost(id) && broken.is_none() {
+                let _span = debug_span!("measurement", frame = id).entered();
+                match self.measurement_of(id, membership, stops) {
+                    Ok(here) => newest = here.or(newest),
+                    Err(error) => note(broken, Err(error)),
+                }
+            }
+            self.next_frame += 1;
+        }
+        newest
+    }
+
     /// The measurement of frame `id`, as soon as it is there; `None` when a stop is requested meanwhile, no such frame
     /// will ever come, or camera and vision hang.
     fn measurement_of(
         &mut self,
         id: u64,
-        ports: &Ports<'_>,
+        membership: &Membership,
         stops: &Stops,
     ) -> Result<Option<Measurement>, ProcessError> {
         let mut wait = None;
         loop {
-            while let Some(m) = ports.measurements.receive()? {
+            while let Some(m) = self.measurements.receive()? {
                 if !std::mem::replace(&mut self.is_reserved, true) {
-                    ports.membership.services().instance().reserve()?;
+                    membership.services().instance().reserve()?;
                 }
                 if m.flags & frame_flag::LAST != 0 {
                     self.last_frame = Some(m.frame_id);
@@ -241,13 +277,13 @@ impl Inbox {
                 None => {}
             }
             self.peers_hang |=
-                wait.get_or_insert_with(MeasurementWait::begin).is_over(id, &self.seeing, ports.membership);
+                wait.get_or_insert_with(MeasurementWait::begin).is_over(id, &self.seeing, membership);
             if self.peers_hang {
                 return Ok(None);
             }
-            ports.membership.beat();
-            let here = || ports.measurements.is_waiting();
-            ports.wake_listener.wait_spinning(LONGEST_WAIT, &mut self.spin, here)?;
+            membership.beat();
+            let here = || self.measurements.is_waiting();
+            self.wake_listener.wait_spinning(LONGEST_WAIT, &mut self.spin, here)?;
         }
     }
 }

@@ -25,7 +25,7 @@ mod stops;
 
 pub use recorded::{RecordedResults, recorded_results};
 
-use super::{Membership, ProcessError, ReportFolder, StopFlag};
+use super::{Membership, ProcessError, ReportFolder, StopFlag, second_vision};
 use crate::calibration::load::LoadRecording;
 use crate::calibration::{KnownCell, Recording, stamp_offset};
 use crate::config::Config;
@@ -42,7 +42,7 @@ use crate::mission::LockstepRun;
 use crate::report::history::RunHistory;
 use crate::report::statistics::RunStatistics;
 use crate::report::summary::{
-    ContactReport, RealtimeReport, SafetyReport, StampCalibration, Summary, TickTimes,
+    ContactReport, RealtimeReport, SafetyReport, SecondCameraReport, StampCalibration, Summary, TickTimes,
 };
 use crate::robot::Robot;
 use crate::rt::now;
@@ -94,7 +94,8 @@ impl<const N: usize> Listeners<N> {
         if let Some(recording) = &mut self.calibration {
             recording.note_measurement(m);
         }
-        if let Some(history) = &mut self.history {
+        // A report is of the first camera.
+        if let Some(history) = self.history.as_mut().filter(|_| m.camera == u32::from(CameraId::FIRST)) {
             history.note_measurement(m);
         }
     }
@@ -117,6 +118,8 @@ struct Ports<'a> {
     membership: &'a Membership,
     measurements: Receiver<Measurement>,
     wake_listener: WakeListener,
+    /// Those of a second camera that controls the arm, too.
+    second: Option<(Receiver<Measurement>, WakeListener)>,
     joint_state: Sender<JointState>,
     status: Sender<Status>,
     trace: QuietSender<TraceMsg>,
@@ -124,12 +127,13 @@ struct Ports<'a> {
 }
 
 impl<'a> Ports<'a> {
-    fn open(membership: &'a Membership, camera: CameraId) -> Result<Self, ProcessError> {
+    fn open(membership: &'a Membership, config: &Config) -> Result<Self, ProcessError> {
         let services = membership.services();
-        let (measurements, wake_listener) = services.measurement_receiver(camera)?;
+        let (measurements, wake_listener) = services.measurement_receiver(config.camera.id)?;
+        let second = second_vision(config).map(|id| services.measurement_receiver(id)).transpose()?;
         let (joint_state, status) = (services.joint_state_sender()?, services.status_sender()?);
         let (trace, requests) = (services.trace_sender()?, services.request_sender()?);
-        Ok(Self { membership, measurements, wake_listener, joint_state, status, trace, requests })
+        Ok(Self { membership, measurements, wake_listener, second, joint_state, status, trace, requests })
     }
 
     /// Records vanish with their sender: gives the readers time to take the last ones.
@@ -199,7 +203,7 @@ fn run_robot<const N: usize>(
         }
         (None, None) => (Assembly::Done(Box::new(control_loop(config, robot)?)), None),
     };
-    let ports = Ports::open(&membership, config.camera.id)?;
+    let ports = Ports::open(&membership, config)?;
     let mut commands = Commands::new(membership.services().command_server()?, config.serve);
     let camera = CameraWatch::open(membership.services(), config)?;
     if config.clock == Clock::Lockstep {
@@ -362,5 +366,9 @@ fn summary<const N: usize>(
         load: None,
         stability: None,
         path: mission.path_tracking(),
+        second_camera: config.second_view.as_ref().zip(mission.second_goal()).map(|(second, goal)| {
+            let (errors, log) = (mission.second_errors().unwrap_or_default(), goal.measurements());
+            SecondCameraReport::new(&second.cell.camera.name, log, errors)
+        }),
     }
 }

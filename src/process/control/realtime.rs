@@ -270,7 +270,7 @@ impl<const N: usize> Companion<'_, N> {
     }
 
     fn take_measurements(&mut self) -> Result<(), IpcError> {
-        while let Some(measurement) = self.ports.measurements.receive()? {
+        while let Some(measurement) = self.next_measurement()? {
             let _span = debug_span!("measurement", frame = measurement.frame_id).entered();
             self.silence = Some(Silence::begin(rt::now()));
             self.reserve()?;
@@ -285,6 +285,15 @@ impl<const N: usize> Companion<'_, N> {
             self.taken.push_back(measurement);
         }
         Ok(())
+    }
+
+    /// The next measurement of a camera that has one.
+    fn next_measurement(&self) -> Result<Option<Measurement>, IpcError> {
+        let second = || self.ports.second.as_ref().map_or(Ok(None), |(second, _)| second.receive());
+        Ok(match self.ports.measurements.receive()? {
+            None => second()?,
+            first => first,
+        })
     }
 
     /// Before the first measurement moves the arm: camera and vision have joined by then, with segments of their own.

@@ -12,7 +12,7 @@ use super::stops::Stops;
 use crate::control::control_loop::ControlLoop;
 use crate::control::safety::Fault;
 use crate::control::trace::Trace;
-use crate::messages::Measurement;
+use crate::messages::{CameraId, Measurement};
 use crate::process::stop::{STOP_REASON, StopFlag};
 use crate::rt::{self, DeadlineWait};
 use crate::time::{MonoNs, SpanNs};
@@ -97,6 +97,7 @@ impl<const N: usize> RealtimeThread<N> {
         let start = rt::now();
         let mut deadlines = Deadlines::new(start + LEAD);
         let mut wait = DeadlineWait::new(spin);
+        let mut newest = NewestMeasurements::default();
         let (mut lost_traces, mut unsent_in_a_row) = (0, 0u32);
         let last = loop {
             let woken = wait.until(deadlines.next());
@@ -115,14 +116,12 @@ impl<const N: usize> RealtimeThread<N> {
             while let Ok(asking) = self.requests.pop() {
                 self.obey(&asking, (tick, time));
             }
-            let mut newest: Option<Measurement> = None;
             while let Ok(m) = self.measurements.pop() {
-                if newest.is_none_or(|kept| m.exposure >= kept.exposure) {
-                    newest = Some(m);
-                }
+                newest.take(m);
             }
+            let measurement = newest.next();
             self.control.sense(tick, time);
-            let mut trace = self.control.act(time, newest.as_ref());
+            let mut trace = self.control.act(time, measurement.as_ref());
             let done = rt::now();
             self.control.commanded(done, &mut trace);
             deadlines.done(done);
@@ -157,6 +156,29 @@ impl<const N: usize> RealtimeThread<N> {
                 let _ = self.answers.push(Answered { number: *number, refusal, state, tick, stamp });
             }
         }
+    }
+}
+
+/// The newest measurement of each camera that control has not taken in yet: a tick takes one.
+#[derive(Default)]
+struct NewestMeasurements {
+    /// That of the first camera, and of another one.
+    of: [Option<Measurement>; 2],
+}
+
+impl NewestMeasurements {
+    fn take(&mut self, m: Measurement) {
+        let [first, other] = &mut self.of;
+        let place = if m.camera == u32::from(CameraId::FIRST) { first } else { other };
+        if place.is_none_or(|kept| m.exposure >= kept.exposure) {
+            *place = Some(m);
+        }
+    }
+
+    /// What this tick takes in; that of the other camera waits for the next one.
+    fn next(&mut self) -> Option<Measurement> {
+        let [first, other] = &mut self.of;
+        first.take().or_else(|| other.take())
     }
 }
 

@@ -3,6 +3,7 @@
 use super::deadlines::Deadlines;
 use super::{Pace, run_files, summary};
 use crate::config::{Clock, Config};
+use crate::messages::CameraId;
 use crate::mission::LockstepRun;
 use crate::replay::{ControlAgain, How, RecordedRun, ReplayError};
 use crate::report::summary::{RECORDING_ENDS, Summary, TickTimes};
@@ -40,7 +41,10 @@ fn of_robot<R: Read, const N: usize>(
     let mut deadlines: Option<Deadlines> = None;
     let mut span = (MonoNs::ZERO, MonoNs::ZERO);
     let replayed = again.run(recorded, &mut |trace, measurement| {
-        measurement.into_iter().for_each(|m| history.note_measurement(m));
+        measurement
+            .filter(|m| m.camera == u32::from(CameraId::FIRST))
+            .into_iter()
+            .for_each(|m| history.note_measurement(m));
         history.note(trace);
         let deadlines = deadlines.get_or_insert_with(|| {
             span.0 = trace.time;

@@ -7,7 +7,7 @@ use crate::messages::{
     MessageRecord, RequestMsg, Status, TraceMsg,
 };
 use crate::process::vision::FrameCounter;
-use crate::process::{ProcessError, shape_of};
+use crate::process::{ProcessError, second_vision, shape_of};
 use crate::record::{ImageTopic, RecordTopic, RecordingWriter, SequenceCounter};
 use crate::time::MonoNs;
 use iceoryx2::prelude::ZeroCopySend;
@@ -153,8 +153,9 @@ pub(super) fn open<W: Write>(
         }));
         taps.push(records(Channel::Health(id), services.health_receiver(id)?, writer)?);
     }
-    let id = config.camera.id;
-    taps.push(records(Channel::Measurement(id), services.measurement_recorder(id)?, writer)?);
+    for id in std::iter::once(config.camera.id).chain(second_vision(config)) {
+        taps.push(records(Channel::Measurement(id), services.measurement_recorder(id)?, writer)?);
+    }
     taps.push(records(Channel::JointState, services.joint_state_recorder()?, writer)?);
     taps.push(records(Channel::Status, services.status_recorder()?, writer)?);
     taps.push(records(Channel::Request, services.request_recorder()?, writer)?);

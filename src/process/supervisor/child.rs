@@ -3,6 +3,7 @@
 use super::RunOutputs;
 use super::reap::{ChildState, Used, reap};
 use crate::ipc::{Instance, Role};
+use crate::messages::CameraId;
 use crate::process::ProcessError;
 use crate::process::drive_guard::{CAMERA_VARIABLE, program_key};
 use crate::report::summary::ProcessUsage;
@@ -87,7 +88,9 @@ impl Child {
         if let Some(camera) = role.camera() {
             command.args(["--camera", &camera.to_string()]);
         }
-        if let Some(folder) = outputs.report.filter(|_| matches!(role, Role::Control | Role::Vision(_))) {
+        if let Some(folder) =
+            outputs.report.filter(|_| matches!(role, Role::Control | Role::Vision(CameraId::FIRST)))
+        {
             command.arg("--report").arg(folder.path());
         }
         if let Some(file) = outputs.recording.filter(|_| role == Role::Recorder) {

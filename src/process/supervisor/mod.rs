@@ -20,7 +20,9 @@ use super::{ProcessError, ReportFolder, StopFlag, shape_of, watched_roles};
 use crate::config::Config;
 use crate::control::outcome::Outcome;
 use crate::input::printable;
-use crate::ipc::{Instance, InstanceError, Receiver, Role, SPACE_BESIDE_FRAMES_BYTES, Services};
+use crate::ipc::{
+    Instance, InstanceError, Receiver, Role, SPACE_BESIDE_FRAMES_BYTES, SPACE_OF_MEASUREMENTS_BYTES, Services,
+};
 use crate::messages::{DRIVE_TEXT_BYTES, Status};
 use crate::report::summary::Summary;
 use crate::rt::{ServiceWatchdog, now, tell_service_manager};
@@ -102,7 +104,8 @@ impl InstanceGuard {
         instance.remove_leftovers(Some(Role::Supervisor));
         // All of it is reserved before the arm moves: the kernel has no milder way than SIGBUS to say later that there is none.
         let frames = config.cameras().map(|camera| shape_of(camera, config.clock).space_bytes());
-        instance.require_space(frames.sum::<u64>() + SPACE_BESIDE_FRAMES_BYTES)?;
+        let second = if config.second_view.is_some() { SPACE_OF_MEASUREMENTS_BYTES } else { 0 };
+        instance.require_space(frames.sum::<u64>() + SPACE_BESIDE_FRAMES_BYTES + second)?;
         let written = instance.write_config(&config.to_toml()?)?;
         Ok((place, written))
     }

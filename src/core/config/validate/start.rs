@@ -17,6 +17,8 @@ const MOST_KG: f64 = 1e3;
 const FARTHEST_M: f64 = 2.0;
 /// Largest moment of inertia of a load, kg m^2. Derived: the heaviest tool with half of its mass at the farthest place on each side.
 const MOST_KG_M2: f64 = MOST_KG * FARTHEST_M * FARTHEST_M;
+/// Where it is told that the target is not in the image at the start.
+pub(in crate::config) const START: &str = "robot.q_start_rad_or_m";
 /// Most hidden points that are listed. Chosen by hand, for a readable line.
 const TOLD: usize = 8;
 
@@ -174,7 +176,12 @@ pub(super) fn view(
                     "point {point} of the target lies {why} at the start{how_far}; move scene.object or the start position, see `vservo \
                      view`"
                 );
-                check.wrong("robot.q_start_rad_or_m", message);
+                // Of two cameras that both control the arm one is enough: `second_view` looks at both.
+                if raw.second_view.is_some() {
+                    check.doubtful(START, message);
+                } else {
+                    check.wrong(START, message);
+                }
             }
         }
         (Err(e), _) => check.wrong("robot.model", e.to_string()),

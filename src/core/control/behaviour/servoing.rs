@@ -38,7 +38,7 @@ impl Servoing {
         (!self.dry).then_some(self.watch)
     }
 
-    pub(super) fn note(&mut self, now: MonoNs, m: &Measurement, verdict: MeasurementVerdict) {
+    pub(in crate::control) fn note(&mut self, now: MonoNs, m: &Measurement, verdict: MeasurementVerdict) {
         self.watch.came(now);
         if verdict.is_used() {
             self.watch.good(m.exposure);
@@ -55,14 +55,14 @@ impl Servoing {
         self.watch.sees(now)
     }
 
-    pub(super) fn confidence<const N: usize>(&self, now: MonoNs, servo: &VisualServo<N>) -> f64 {
+    pub(in crate::control) fn confidence<const N: usize>(&self, now: MonoNs, servo: &VisualServo<N>) -> f64 {
         match self.watch.check(now) {
             Freshness::Fresh => self.watch.confidence(now).min(servo.confidence(now)),
             Freshness::Never | Freshness::Stale => 0.0,
         }
     }
 
-    pub(super) fn motion_command<const N: usize>(
+    pub(in crate::control) fn motion_command<const N: usize>(
         &self,
         state: &DriveState<N>,
         robot: &Robot<N>,

@@ -4,7 +4,7 @@ use super::Controller;
 use crate::control::lifecycle::State;
 use crate::control::safety::Fault;
 use crate::messages::Measurement;
-use crate::servo::MeasurementVerdict;
+use crate::servo::{MeasurementVerdict, MountError, UnobservedMotion};
 use crate::time::MonoNs;
 
 impl<const N: usize> Controller<N> {
@@ -15,12 +15,23 @@ impl<const N: usize> Controller<N> {
             self.returning.note(m);
         }
         self.behaviour.note(now, m, verdict, &self.servo);
-        if let Some(drift) = self.servo.take_unobserved_motion() {
-            self.joint_control.learn(&drift, now);
+        let (drift, mount_error) = (self.servo.take_unobserved_motion(), self.servo.mount_error());
+        self.use_sight(now, drift.as_ref(), mount_error);
+        verdict
+    }
+
+    /// What a camera says of the arm's motion at `now`: joint motion that encoders do not show, and how its mount is wrong.
+    pub(super) fn use_sight(
+        &mut self,
+        now: MonoNs,
+        drift: Option<&UnobservedMotion<N>>,
+        mount_error: Option<MountError>,
+    ) {
+        if let Some(drift) = drift {
+            self.joint_control.learn(drift, now);
         }
-        if let (State::Servoing, Some(error)) = (self.state, self.servo.mount_error()) {
+        if let (State::Servoing, Some(error)) = (self.state, mount_error) {
             self.fail(Fault::of_mount(error));
         }
-        verdict
     }
 }

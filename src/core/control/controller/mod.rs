@@ -17,11 +17,13 @@ mod orders;
 mod rest;
 mod returning;
 mod searching;
+mod second_servo;
 mod sensing;
 mod settings;
 mod space;
 mod torque_law;
 
+pub use second_servo::SecondServo;
 use settings::StartCheck;
 pub use settings::{ControlOutput, ControllerSettings, Rest};
 
@@ -61,6 +63,8 @@ pub struct Controller<const N: usize> {
     arm: ArmModel<N>,
     /// Places measurements in time, and has the law.
     servo: VisualServo<N>,
+    /// The law of a second camera that controls the arm, too.
+    second: Option<Box<SecondServo<N>>>,
     behaviour: Behaviour<N>,
     /// The motion to a posture that a client asked for, in the state `Moving`.
     posture: PostureMotion<N>,
@@ -137,6 +141,7 @@ impl<const N: usize> Controller<N> {
             reference,
             arm,
             servo,
+            second: None,
             behaviour,
             posture: PostureMotion::default(),
             velocity: VelocityMotion::default(),
@@ -238,9 +243,7 @@ impl<const N: usize> Controller<N> {
         });
         self.feel(now, observed.as_ref());
         if let Some(observed) = &observed {
-            self.servo.note_arm(now, &observed.q, &observed.qd);
-            verdict = measurement.map(|m| self.take(now, m));
-            confidence = self.behaviour.confidence(now, &self.servo);
+            (verdict, confidence) = self.take_in(now, observed, measurement);
         }
         // Without a camera an arm that has lost its target would go back for nothing.
         let may_return = !self.behaviour.is_dry() && self.behaviour.sees(now);
@@ -249,14 +252,10 @@ impl<const N: usize> Controller<N> {
         let left = way_back.as_ref().map(|(qd, way)| qd.amax() / way.rate_1_s);
         self.live(now, state.as_ref(), confidence, (may_return, left));
         if self.state != State::Servoing {
-            self.servo.restart();
-            self.behaviour.interrupt();
+            self.interrupt();
         }
         let motion_command = match (&observed, self.state, way_back) {
-            (Some(state), State::Servoing, _) => {
-                let pace = (self.pace(), confidence);
-                self.behaviour.motion_command(state, pace, &self.arm, &mut self.servo)
-            }
+            (Some(state), State::Servoing, _) => self.servoing(now, state, confidence),
             (Some(state), State::Returning, _) if self.returning.is_searching() => {
                 confidence = 1.0;
                 self.search(state)

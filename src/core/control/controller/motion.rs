@@ -161,7 +161,7 @@ impl<const N: usize> Controller<N> {
         }
         let (X_WC, J_C) = self.servo.settings().mount.camera(robot, q);
         let first = match self.state {
-            State::Servoing => self.servo.first_motion_share(&requested_qd, (&X_WC, &J_C)),
+            State::Servoing => self.first_motion_share(q, &requested_qd, (&X_WC, &J_C)),
             _ => 1.0,
         };
         let trusted = confidence * first;
@@ -170,7 +170,7 @@ impl<const N: usize> Controller<N> {
             (0..N).for_each(|i| acting.set(Limit::View, i));
         }
         let (requested_qd, damping) =
-            damp_singularity(robot, q, J_C.matrix(), &requested_qd, &convergence.null_space);
+            damp_singularity(&self.arm.robot, q, J_C.matrix(), &requested_qd, &convergence.null_space);
         (requested_qd, acting.with(&damping))
     }
 

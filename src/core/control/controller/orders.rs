@@ -34,8 +34,7 @@ impl<const N: usize> Controller<N> {
                 }
                 if matches!(request, Request::Start | Request::Reset) {
                     self.restore_gain();
-                    self.servo.restore_gain();
-                    self.servo.restart_path();
+                    self.begin_law_anew();
                 }
                 self.state = next;
                 Ok(())
@@ -59,8 +58,7 @@ impl<const N: usize> Controller<N> {
         if is_ready {
             self.forget_fault();
             self.restore_gain();
-            self.servo.restore_gain();
-            self.servo.restart_path();
+            self.begin_law_anew();
         }
     }
 
@@ -137,6 +135,9 @@ impl<const N: usize> Controller<N> {
     /// Sets the gain of a resolved-velocity law, 1/s, where it has a single one.
     pub fn set_gain(&mut self, gain_1_s: f64) {
         self.servo.set_gain(gain_1_s);
+        if let Some(second) = &mut self.second {
+            second.set_gain(gain_1_s);
+        }
     }
 
     /// Appends a waypoint, rad or m; that the motion is complete is reported after it.
@@ -150,9 +151,9 @@ impl<const N: usize> Controller<N> {
         self.behaviour.excite(motion);
     }
 
-    /// From now on somebody else commands the arm, by [`Self::command`], instead of the law. Returns whether: only servoing is handed over.
+    /// From now on somebody else commands the arm, by [`Self::command`], instead of the law. Returns whether: only servoing by one camera is handed over.
     pub fn hand_over(&mut self) -> bool {
-        self.behaviour.hand_over(self.servo.settings().mount)
+        self.second.is_none() && self.behaviour.hand_over(self.servo.settings().mount)
     }
 
     /// Sets the motion that somebody else commands, or that there is none.
@@ -163,7 +164,7 @@ impl<const N: usize> Controller<N> {
     /// Reduces the gain of the law and the estimation rate, for an arm that oscillates about its goal. Returns whether they were reduced,
     /// which is reported as an event too.
     pub fn reduce_gain(&mut self) -> bool {
-        let reduced = self.state == State::Servoing && !self.behaviour.is_dry() && self.servo.reduce_gain();
+        let reduced = self.state == State::Servoing && !self.behaviour.is_dry() && self.reduce_law();
         if reduced {
             self.learning *= REDUCED_SHARE;
             self.joint_control.learn_at(self.learning);

@@ -31,6 +31,12 @@ impl MeasurementWatch {
         Self { timeout, slow_down_from, last: None, any: None }
     }
 
+    /// The age from which on measurements are stale.
+    #[must_use]
+    pub fn timeout(&self) -> SpanNs {
+        self.timeout
+    }
+
     /// A measurement came at `now`, whatever it says. Its stamp is not asked, because it may be absurd.
     pub fn came(&mut self, now: MonoNs) {
         self.any = Some(now);

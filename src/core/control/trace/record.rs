@@ -99,7 +99,7 @@ pub fn event_words(events: u32) -> impl Iterator<Item = &'static str> {
 }
 
 /// [`Event::as_str`] by [`event_number`].
-const EVENT_WORDS: [&str; 24] = [
+const EVENT_WORDS: [&str; 27] = [
     "holding",
     "resumed",
     "stopping",
@@ -124,6 +124,9 @@ const EVENT_WORDS: [&str; 24] = [
     "never_seen",
     "searching",
     "lost_again",
+    "first_view_missing",
+    "second_view_missing",
+    "both_views",
 ];
 
 fn event_number(event: Event) -> u32 {
@@ -152,6 +155,9 @@ fn event_number(event: Event) -> u32 {
         Event::NeverSeen => 21,
         Event::Searching => 22,
         Event::LostAgain => 23,
+        Event::FirstViewMissing => 24,
+        Event::SecondViewMissing => 25,
+        Event::BothViews => 26,
     }
 }
 
@@ -188,6 +194,9 @@ mod tests {
             NeverSeen,
             Searching,
             LostAgain,
+            FirstViewMissing,
+            SecondViewMissing,
+            BothViews,
         ];
         for event in all {
             let words: Vec<_> = event_words(1 << event_number(event)).collect();

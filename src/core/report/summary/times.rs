@@ -4,6 +4,17 @@ use crate::report::histogram::Quantiles;
 use crate::time::TICK;
 use serde::{Deserialize, Serialize};
 
+/// What one of the run's processes used, from its start to its end.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct ProcessUsage {
+    /// Time on any core, s.
+    pub cpu_s: f64,
+    /// The same as a share of one core's time; above 1 for several busy threads.
+    pub cpu_share: f64,
+    /// Most memory that it had at once, MB, shared memory that it touched included.
+    pub max_resident_mb: f64,
+}
+
 /// Latencies of the measurements, us.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Latencies {

@@ -80,6 +80,9 @@ pub struct Preflight {
     pub postures: Vec<String>,
     /// What was left out, and why.
     pub notes: Vec<String>,
+    /// Whether another camera controls the arm, too, and may do so while this one does not see its target.
+    #[serde(skip)]
+    pub has_another_view: bool,
     /// Whether the object rests, so that what is seen now stays true.
     pub object_rests: bool,
 }
@@ -183,6 +186,8 @@ impl Preflight {
             goals: Vec::new(),
             postures: Vec::new(),
             notes: notes(config),
+            // The cell of a second camera has the run file of both.
+            has_another_view: config.effective.second_view.is_some(),
             object_rests: config.scene.as_ref().is_none_or(|scene| scene.motion == SceneMotion::Still),
         };
         let mut q_goal = None;
@@ -212,16 +217,19 @@ impl Preflight {
         Ok(preflight)
     }
 
+    /// That the target is not in view at the start: key and message.
+    fn unseen_at_the_start(&self) -> Option<(&'static str, String)> {
+        let fault = self.start.as_ref()?.visibility.fault()?;
+        let message =
+            format!("{fault} at the start; move scene.object or the start position, or see `vservo view`");
+        Some(("robot.q_start_rad_or_m", message))
+    }
+
     /// What makes the run futile: key and message.
     #[must_use]
     pub fn faults(&self) -> Vec<(&'static str, String)> {
-        let mut faults = Vec::new();
-        if let Some(fault) = self.start.as_ref().and_then(|view| view.visibility.fault()) {
-            let message = format!(
-                "{fault} at the start; move scene.object or the start position, or see `vservo view`"
-            );
-            faults.push(("robot.q_start_rad_or_m", message));
-        }
+        let mut faults: Vec<_> =
+            self.unseen_at_the_start().filter(|_| !self.has_another_view).into_iter().collect();
         if let Some((message, true)) = self.cut_at_the_goal() {
             faults.push(("servo.desired", message));
         }
