@@ -79,7 +79,7 @@ fn a_summary_tells_payloads_as_they_are_and_no_rotors() {
 
 #[test]
 fn a_jammed_joint_is_named_and_makes_no_force_at_the_flange() {
-    for joint in 1..4 {
+    for joint in 2..4 {
         let jam = format!("drive.simulated.jam={{joint={joint},from_s=0.6}}");
         let told = summary(&format!("sum-jam{joint}"), ("ur5", &[&jam]));
         let contact = &told["contact"];

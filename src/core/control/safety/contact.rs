@@ -24,6 +24,9 @@ const FORCE_N: f64 = 1e3;
 /// Least share of the weighted squares of the torques that a force at the flange must explain: what holds one joint, or a link before the flange, takes torques that no such force takes.
 /// Derived: of a torque of [`CERTAIN`] the noise of seven joints leaves a tenth.
 const EXPLAINED: f64 = 0.9;
+/// Standard deviations from which on a joint feels something, for a force that is told: two joints must. Chosen by hand, of noise alone it is one in 370; a force can be found for the
+/// torque of one joint alone, as of one that is jammed, and none is known to be there.
+const FEELS: f64 = 3.0;
 
 /// By how much an encoder step changes a velocity that is told by a drive, in steps, 1/s. Derived: of differences over a tick behind a low-pass of 100 Hz, (1 - e^-0.63) / 1 ms.
 const STEPS_1_S: f64 = 470.0;
@@ -333,7 +336,8 @@ fn force<const N: usize>(
         squares += torque[i] * torque[i] * weight;
     }
     let found = Vector3::from(Ldlt::of(&A)?.solve(&b.into()));
-    (b.dot(&found) >= EXPLAINED * squares && found.norm() < FORCE_N).then_some(found)
+    let feel = (0..N).filter(|i| torque[*i].abs() > FEELS * sd[*i]).count();
+    (feel > 1 && b.dot(&found) >= EXPLAINED * squares && found.norm() < FORCE_N).then_some(found)
 }
 
 #[cfg(test)]

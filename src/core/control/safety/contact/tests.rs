@@ -96,7 +96,7 @@ fn a_force_at_the_flange_is_found_from_the_joints_torques() {
 fn what_holds_one_joint_is_no_force_at_the_flange() {
     let robot: Robot<6> = crate::robot::load("ur5").unwrap().build().unwrap();
     let q = Vector6::new(0.4, -1.4, 1.3, -1.0, -1.5, 0.3);
-    for joint in 1..6 {
+    for joint in 0..6 {
         let mut torque = Vector6::zeros();
         torque[joint] = 30.0;
         assert_eq!(force(&robot, &q, &torque, &Vector6::repeat(0.5)), None, "joint {joint}");
