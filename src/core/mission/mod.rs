@@ -275,24 +275,6 @@ impl<const N: usize> Mission<N> {
         }
     }
 
-    /// Teaching takes the views that the law could use, and is given up where control leaves the state `Teaching`.
-    fn learn(&mut self, m: &Measurement, verdict: Option<MeasurementVerdict>) {
-        if self.state != ControlState::Teaching {
-            self.teacher = None;
-        }
-        let stands = self.teaches_from.is_some_and(|from| m.exposure >= from);
-        let Some(teacher) = self.teacher.as_mut().filter(|_| stands) else { return };
-        let view = View::of(m, &self.goal.set_point);
-        let view = view.filter(|_| verdict.is_some_and(MeasurementVerdict::is_used));
-        let Some(taught) = view.and_then(|view| teacher.add(&view, &self.goal.set_point)) else { return };
-        self.teacher = None;
-        self.set_goal(taught.clone());
-        self.orders.push_back(ControlOrder::Goal(taught));
-        if self.plan.service == (Service::OneShot { teaches: true }) {
-            self.orders.push_back(ControlOrder::Request(Request::Start));
-        }
-    }
-
     fn count(&mut self, trace: &mut Trace, m: &Measurement, verdict: Option<MeasurementVerdict>) {
         self.last_frame_seen |= m.flags & frame_flag::LAST != 0;
         let then = self.set_point_at(m.exposure);

@@ -1,7 +1,10 @@
 //! Teaching a set-point: the mean of what the camera sees in a few measurements.
 
-use crate::messages::MAX_FEATURES;
-use crate::servo::{SetPoint, View};
+use super::{Mission, Service};
+use crate::control::lifecycle::Request;
+use crate::control::order::ControlOrder;
+use crate::messages::{ControlState, MAX_FEATURES, Measurement};
+use crate::servo::{MeasurementVerdict, SetPoint, View};
 use nalgebra::Vector2;
 
 /// A set-point in the making.
@@ -43,6 +46,26 @@ impl GoalTeacher {
         let posed = view.X_CO().filter(|_| taught.X_DO().is_none()).and_then(|X_CO| taught.posed_near(X_CO));
         let taught = posed.unwrap_or(taught).with_target(before.target());
         taught.with_ids(before.ids())?.with_selection(*before.selection())
+    }
+}
+
+impl<const N: usize> Mission<N> {
+    /// Teaching takes the views that the law could use, and is given up where control leaves the state `Teaching`.
+    pub(super) fn learn(&mut self, m: &Measurement, verdict: Option<MeasurementVerdict>) {
+        if self.state != ControlState::Teaching {
+            self.teacher = None;
+        }
+        let stands = self.teaches_from.is_some_and(|from| m.exposure >= from);
+        let Some(teacher) = self.teacher.as_mut().filter(|_| stands) else { return };
+        let view = View::of(m, &self.goal.set_point);
+        let view = view.filter(|_| verdict.is_some_and(MeasurementVerdict::is_used));
+        let Some(taught) = view.and_then(|view| teacher.add(&view, &self.goal.set_point)) else { return };
+        self.teacher = None;
+        self.set_goal(taught.clone());
+        self.orders.push_back(ControlOrder::Goal(taught));
+        if self.plan.service == (Service::OneShot { teaches: true }) {
+            self.orders.push_back(ControlOrder::Request(Request::Start));
+        }
     }
 }
 
