@@ -127,8 +127,10 @@ struct WarpOut {
 struct ResponseOut {
     gamma: f64,
     sd: f64,
-    /// What to set; `null` where the response cannot be distinguished from a linear one.
+    /// What to set; `null` where the response cannot be distinguished from a linear one, or is not believed.
     setting: Option<String>,
+    /// Whether levels are proportional to light, as far as edges tell; with no setting either, they do not tell.
+    linear: bool,
 }
 
 /// One camera as JSON.
@@ -207,6 +209,7 @@ impl CameraAnswer {
                 gamma: estimate.gamma,
                 sd: estimate.sd,
                 setting: estimate.response().map(|response| response.to_string()),
+                linear: estimate.is_linear(),
             }),
         }
     }
@@ -272,14 +275,20 @@ pub(super) fn lines(examined: &Examined, boards: &Boards) -> String {
         let (x, y, sx, sy) = (mm(warp.x), mm(warp.y), mm(sd.x), mm(sd.y));
         let _ = writeln!(text, "board bent by {x:.3} +- {sx:.3} mm along x, {y:.3} +- {sy:.3} mm along y");
     }
-    if let Some(estimate) = boards.response.gamma()
-        && let Some(response) = estimate.response()
-    {
-        let _ = writeln!(
-            text,
-            "levels are not proportional to light: gamma {:.2} +- {:.2}; set camera.response (or --response) to \"{response}\"",
-            estimate.gamma, estimate.sd
-        );
+    if let Some(estimate) = boards.response.gamma() {
+        let (gamma, sd) = (estimate.gamma, estimate.sd);
+        let _ = match estimate.response() {
+            Some(response) => writeln!(
+                text,
+                "levels are not proportional to light: gamma {gamma:.2} +- {sd:.2}; set camera.response (or --response) to \"{response}\""
+            ),
+            None if estimate.is_linear() => Ok(()),
+            None => writeln!(
+                text,
+                "the edges do not tell how levels depend on light (gamma {gamma:.2} +- {sd:.2} is not believed): for that, take images with squares of \
+                 20 px and more, a contrast of 100 levels and none of them clipped"
+            ),
+        };
     }
     let _ = writeln!(
         text,

@@ -1,20 +1,41 @@
 //! What the grey levels at the edges of a board's squares tell of the camera's response.
 //!
-//! Light goes from dark to light over an edge as a blur spreads it, alike on both sides. A response bends the levels between, and the edge
-//! is steeper on one side than on the other: of each edge between two corners
+//! Light goes from dark to light over an edge as blur and the pixel's box spread it, alike on both sides whatever the blur's shape: a disc of
+//! defocus, a box of motion, a normal distribution. A response bends the levels between, and the edge is steeper on one side than on the
+//! other. Of each edge between two corners
 //!
 //! ```text
-//! level(d) = 255 (D + (L - D) Phi((d - delta) / s))^(1 / gamma)        d: distance from the line through its corners, px
+//! level(d) = 255 (c + sum_k a_k B_k(d - delta))^(1 / gamma)      d: distance from the line through its corners, px
 //! ```
-//! with the light `D` and `L` of its sides, its place `delta` (prints shrink or grow, lenses bend) and its blur `s` its own, and one gamma for
-//! all. Least squares over the levels of all edges; gamma's deviation comes from how much the edges differ about it.
+//! with the odd functions `B_k`: an edge that the pixel's box, as it lies across it, and a blur's of `BOXES_PX[k]` have spread, less one half.
+//! The middle light `c`, the shape `a` and the place `delta` (prints shrink or grow, lenses bend) are each edge's own, and gamma is common to all.
+//! Least squares over the levels of all edges. Gamma's deviation comes from how much the edges of one picture, one direction and one order of
+//! dark and light differ from the others': whatever is not alike on both sides, as a lens's coma or shade, bends these in opposite senses.
 
 use super::camera::BoardView;
 use crate::camera_model::Response;
 use crate::imaging::ImageView;
-use crate::linalg::normal;
-use nalgebra::{Matrix4, SVector, Vector2, Vector4};
+use nalgebra::{SMatrix, SVector, Vector2};
+use std::collections::BTreeMap;
 
+/// Half the widths of the boxes that an edge's blur is put together from, px: every blur with one summit that is alike on both sides is a mixture of boxes.
+/// Chosen by hand: the pixel's own box, a half to each side, hides what lies between two of them; the last is what [`MAX_WIDTH_PX`] can hold.
+const BOXES_PX: [f64; 9] = [0.15, 0.4, 0.65, 0.9, 1.2, 1.6, 2.1, 2.8, 3.8];
+/// What mixtures of these leave of a blur, in shares of the contrast in light. Chosen by hand: a camera that spreads the dark levels makes of it more than
+/// noise does, and these pixels then count for less.
+const SHAPE_SD: f64 = 0.004;
+/// The box that the fit starts from. Chosen by hand: in the middle of them.
+const FIRST_BOX: usize = 4;
+/// Unknowns of an edge's own: the middle, the share of each box, the place. With gamma they are one more.
+const PLACE: usize = BOXES_PX.len() + 1;
+const OWN: usize = PLACE + 1;
+const ALL: usize = OWN + 1;
+/// Fewest pixels of an edge. Chosen by hand: twice its unknowns.
+const MIN_PIXELS: usize = 2 * OWN;
+/// Variance of a level, as a share of the greatest, before it is known. Derived: one grey level.
+const LEVEL_VARIANCE: f64 = 1.5e-5;
+/// Least side of a pixel's box across an edge that runs along it, px. Chosen by hand: its formula divides by it, and no edge tells 0.05 px from nothing.
+const THIN_PX: f64 = 0.05;
 /// Share of an edge about its middle that is used. Chosen by hand: nearer to its ends the neighbouring squares' blur reaches in.
 const LENGTH: f64 = 0.4;
 /// Distance from the edge that is used, as a share of the square there, and at most, px. Derived: 6 px are four standard deviations of a blur of
@@ -23,21 +44,35 @@ const WIDTH: f64 = 0.4;
 const MAX_WIDTH_PX: f64 = 6.0;
 /// Narrower edges hold no level that only one side has, px. Chosen by hand: two deviations of the same blur; half of it is all slope.
 const MIN_WIDTH_PX: f64 = 3.0;
-/// Fewest pixels of an edge. Chosen by hand: four times its unknowns.
-const MIN_PIXELS: usize = 16;
 /// Range of usable levels. Chosen by hand: a camera clips at 0 and 255, and noise of one or two levels must stay within; a clipped side hides the
 /// response.
 const DARKEST: f64 = 4.0;
 const LIGHTEST: f64 = 250.0;
 /// Smallest contrast between the sides, levels. Chosen by hand: with less, noise hides the response's curvature.
 const CONTRAST: f64 = 30.0;
-/// Edges of one picture that are looked at, evenly spread: more tell gamma no better than paper and lens allow.
+/// Edges of one picture that are looked at, evenly spread: more tell gamma no better than paper and lens allow. And of all
+/// pictures, chosen by hand: so that many of them take some seconds.
 const EDGES_OF_VIEW: usize = 60;
+const MAX_EDGES: usize = 600;
 /// Fewest edges for a result. Chosen by hand, so that their scatter gives the standard deviation to a sixth (`1 / sqrt(2 * 19)`).
 const MIN_EDGES: usize = 20;
-/// Most steps of the fit, and the change of gamma that ends it. Chosen by hand: far below the standard deviations that are reached.
-const STEPS: usize = 20;
-const SETTLED: f64 = 1e-4;
+/// Most steps of the fit, and the change of gamma that ends it, in its standard deviations. Chosen by hand: where each change is nine tenths of the last, a fifth
+/// of a deviation is left.
+const STEPS: usize = 120;
+const SETTLED: f64 = 0.02;
+/// Steps in which gamma waits for the edges' own unknowns. Chosen by hand: these are linear but for the place, and two steps find them.
+const OWN_STEPS: usize = 3;
+/// Share of a step of gamma that is taken, and the longest one. Chosen by hand: whole steps go to and fro where shapes follow gamma late, and from far off
+/// the equations are straight about so far.
+const DAMPING: f64 = 0.6;
+const MAX_STEP: f64 = 0.3;
+/// Farthest place of an edge from the line through its corners, px. Chosen by hand: prints and lenses move edges by tenths.
+const MAX_PLACE_PX: f64 = 1.0;
+/// Standard deviation of gamma, in itself, by what the model leaves out: the corners' errors, boxes between those above, levels that a gamma does not quite
+/// describe. Measured on images of another renderer (linear, sRGB, gamma 2.2; blurs of 24 kinds).
+const MODEL_SD: f64 = 0.03;
+/// The same, in what gamma differs from 1 by: the more levels are bent, the more of a shape's misfit is taken for it. Measured on the same images.
+const BENT_SD: f64 = 0.1;
 /// Edges that fit worse than this many times the median are left out as covered, or not an edge. Chosen by hand: noise alone
 /// exceeds it for one of 2000 of the smallest edges (chi-square); a higher bound lets shadows and covers draw gamma.
 const OUTLIER: f64 = 3.0;
@@ -45,23 +80,39 @@ const OUTLIER: f64 = 3.0;
 /// alone a normal deviate exceeds 4 once in 16 000 cases, and with 1.1 an edge moves by 0.05 standard deviations of its blur.
 const TOLD_SD: f64 = 4.0;
 const NOTICEABLE: f64 = 0.1;
+/// Gammas from there on are distrusted, as all below 1 are. Chosen by hand: cameras have 1 to 2.6, and what fits a larger one is no gamma.
+const LARGEST: f64 = 3.2;
+/// Least support of a response. Measured on images of another renderer: of gamma 2.2 those that are right have more than 1.4, since squared errors rise
+/// faster than a parabola, and false ones less than 0.5.
+const SUPPORT: f64 = 0.75;
+/// Standard deviation of gamma from which on nothing is known. Chosen by hand: a linear response would be within it of gamma 1.2.
+const UNKNOWN_SD: f64 = 0.1;
 
 /// A gamma with its standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GammaEstimate {
     /// `level = light^(1 / gamma)`.
     pub gamma: f64,
-    /// Of gamma.
+    /// Of gamma, with what the model leaves out.
     pub sd: f64,
+    /// By how much the squared errors fall from a linear response to this one, in what so well known a gamma lets expect.
+    pub support: f64,
 }
 
 impl GammaEstimate {
-    /// The estimated response; `None` where it cannot be distinguished from a linear one.
+    /// The estimated response; `None` where it cannot be distinguished from a linear one, or is none that a camera has.
     #[must_use]
     pub fn response(&self) -> Option<Response> {
-        let off = (self.gamma - 1.0).abs();
-        let told = off > TOLD_SD * self.sd && off > NOTICEABLE && Response::GAMMA.contains(&self.gamma);
+        let told = self.gamma - 1.0 > TOLD_SD * self.sd && self.gamma - 1.0 > NOTICEABLE;
+        let told = told && self.gamma < LARGEST && self.support > SUPPORT;
         told.then(|| Response::Gamma((100.0 * self.gamma).round() / 100.0))
+    }
+
+    /// Whether levels are proportional to light, as far as edges tell.
+    #[must_use]
+    pub fn is_linear(&self) -> bool {
+        let off = (self.gamma - 1.0).abs();
+        self.response().is_none() && off < NOTICEABLE + TOLD_SD * self.sd && self.sd < UNKNOWN_SD
     }
 }
 
@@ -70,14 +121,21 @@ impl GammaEstimate {
 struct BoardEdge {
     /// Distance from the line, px, towards light, and level, as share of the greatest.
     pixels: Vec<[f64; 2]>,
-    /// D, L, delta, s.
-    own: Vector4<f64>,
+    /// Levels of its sides, dark first.
+    sides: [f64; 2],
+    /// Half of a pixel's sides, across the edge, px.
+    half_px: [f64; 2],
+    /// Edges with equal numbers have the picture, the direction and the order of dark and light in common.
+    kin: usize,
+    /// c, a, delta.
+    own: SVector<f64, OWN>,
 }
 
 /// The edges of boards in any number of pictures of one camera.
 #[derive(Debug, Clone, Default)]
 pub struct ResponseEvidence {
     edges: Vec<BoardEdge>,
+    views: usize,
 }
 
 impl ResponseEvidence {
@@ -86,29 +144,41 @@ impl ResponseEvidence {
         let at =
             |id: u32| board.binary_search_by_key(&id, |p| p.id).ok().and_then(|i| board.get(i)).map(|p| p.px);
         let neighbours = board.iter().flat_map(|p| {
-            let right = (p.id % columns + 1 < columns).then(|| (p.id + 1, p.id + columns));
-            let down = (p.id + columns, p.id + 1);
-            right.into_iter().chain([down]).map(move |(along, beside)| (p, along, beside))
+            let right = (p.id % columns + 1 < columns).then(|| (p.id + 1, p.id + columns, 0));
+            let down = (p.id + columns, p.id + 1, 1);
+            right.into_iter().chain([down]).map(move |(along, beside, axis)| (p, along, beside, axis))
         });
         let all: Vec<_> = neighbours
-            .filter_map(|(p, along, beside)| Some((p.px, at(along)?, at(beside)? - p.px)))
+            .filter_map(|(p, along, beside, axis)| Some((p.px, at(along)?, at(beside)? - p.px, axis)))
             .collect();
         let stride = all.len().div_ceil(EDGES_OF_VIEW).max(1);
-        self.edges.extend(
-            all.iter().step_by(stride).filter_map(|(a, b, beside)| BoardEdge::new(image, *a, *b, beside)),
-        );
+        let first = 4 * self.views;
+        let some = all.iter().step_by(stride);
+        self.edges.extend(some.filter_map(|(a, b, beside, axis)| {
+            let edge = BoardEdge::new(image, *a, *b, beside)?;
+            Some(BoardEdge { kin: first + 2 * axis + edge.kin, ..edge })
+        }));
+        self.views += 1;
     }
 
-    /// The gamma of all edges together; `None` where these are too few.
+    /// The gamma of all edges together; `None` where these are too few, or tell none.
     #[must_use]
     pub fn gamma(&self) -> Option<GammaEstimate> {
-        let (first, misfits) = fit(&mut self.edges.clone(), 1.0)?;
-        let mut sorted = misfits.clone();
-        sorted.sort_unstable_by(f64::total_cmp);
-        let most = OUTLIER * sorted.get(sorted.len() / 2)?;
-        let good = self.edges.iter().zip(misfits).filter(|(_, misfit)| *misfit <= most);
-        let mut kept: Vec<BoardEdge> = good.map(|(edge, _)| edge.clone()).collect();
-        fit(&mut kept, first.gamma).map(|(estimate, _)| estimate)
+        let stride = self.edges.len().div_ceil(MAX_EDGES).max(1);
+        let mut edges: Vec<BoardEdge> = self.edges.iter().step_by(stride).cloned().collect();
+        edges.iter_mut().for_each(|edge| edge.begin(1.0));
+        let first = fit(&mut edges, 1.0)?;
+        let most = OUTLIER * median(&first.misfits)?;
+        let mut each = first.misfits.iter().zip(&first.gains);
+        let mut gain = 0.0;
+        edges.retain(|_| {
+            let good = each.next().filter(|(misfit, _)| **misfit <= most);
+            gain += good.map_or(0.0, |(_, gain)| *gain);
+            good.is_some()
+        });
+        let last = fit(&mut edges, first.gamma)?;
+        let support = gain / ((last.gamma - 1.0).powi(2) * last.information);
+        Some(GammaEstimate { gamma: last.gamma, sd: last.sd, support })
     }
 }
 
@@ -144,7 +214,8 @@ impl BoardEdge {
             if count > 0.0 { sum / count } else { f64::NAN }
         };
         let (mut dark, mut light) = (side(-1.0), side(1.0));
-        if dark > light {
+        let turned = dark > light;
+        if turned {
             (dark, light) = (light, dark);
             pixels.iter_mut().for_each(|[d, _]| *d = -*d);
         }
@@ -153,93 +224,145 @@ impl BoardEdge {
             return None;
         }
         pixels.iter_mut().for_each(|[_, level]| *level /= 255.0);
-        Some(Self { pixels, own: Vector4::new(dark / 255.0, light / 255.0, 0.0, 1.0) })
+        Some(Self {
+            pixels,
+            sides: [dark / 255.0, light / 255.0],
+            half_px: [0.5 * across.x.abs().max(THIN_PX), 0.5 * across.y.abs().max(THIN_PX)],
+            kin: usize::from(turned),
+            own: SVector::zeros(),
+        })
     }
 
-    /// Sum of squares, and the normal equations of its own unknowns and gamma.
-    fn equations(&self, gamma: f64) -> (f64, SVector<f64, 5>, [SVector<f64, 5>; 5]) {
-        let [dark, light, place, blur] = self.own.into();
-        let (mut squares, mut right, mut information) =
-            (0.0, SVector::zeros(), [SVector::<f64, 5>::zeros(); 5]);
+    /// Where a fit with a gamma starts.
+    fn begin(&mut self, gamma: f64) {
+        let [dark, light] = self.sides.map(|level| level.powf(gamma));
+        self.own.fill(0.0);
+        (self.own[0], self.own[FIRST_BOX]) = (0.5 * (dark + light), light - dark);
+    }
+
+    /// Sums of weighted squares and of squares, and the normal equations of its own unknowns and gamma, for levels of this variance.
+    fn equations(&self, gamma: f64, variance: f64) -> (f64, f64, SVector<f64, ALL>, SMatrix<f64, ALL, ALL>) {
+        let [dark, light] = self.sides.map(|level| level.powf(gamma));
+        let (mut weighted, mut squares) = (0.0, 0.0);
+        let (mut right, mut information) = (SVector::zeros(), SMatrix::zeros());
         for [d, level] in &self.pixels {
-            let z = (d - place) / blur;
-            let (above, density) = normal(z);
-            // Otherwise the power of a negative level would not be a number. The bounds of a step below were chosen by hand: they keep a fit
-            // that starts far off from leaving the range of levels.
-            let m = (dark + (light - dark) * above).max(1e-4);
+            let mut row = SVector::<f64, ALL>::zeros();
+            row[0] = 1.0;
+            let mut m = self.own[0];
+            for (k, blur) in BOXES_PX.iter().enumerate() {
+                let (below, density) = spread(d - self.own[PLACE], *blur, self.half_px);
+                let a = self.own[1 + k];
+                m += a * (below - 0.5);
+                row[1 + k] = below - 0.5;
+                row[PLACE] -= a * density;
+            }
+            // chosen by hand: otherwise the power of a light below 0, which a shape can have on its way, would not be a number
+            m = m.max(1e-4);
             let told = m.powf(1.0 / gamma);
             let by_light = told / (gamma * m);
-            let slope = -(light - dark) * density / blur;
-            let row = SVector::from([
-                by_light * (1.0 - above),
-                by_light * above,
-                by_light * slope,
-                by_light * slope * z,
-                -told * m.ln() / (gamma * gamma),
-            ]);
+            row *= by_light;
+            row[OWN] = -told * m.ln() / (gamma * gamma);
             let rest = level - told;
+            let weight = variance / (variance + (SHAPE_SD * (light - dark) * by_light).powi(2));
+            weighted += weight * rest * rest;
             squares += rest * rest;
-            right += row * rest;
-            information.iter_mut().zip(row.iter()).for_each(|(n, r)| *n += row * *r);
+            right += row * (weight * rest);
+            information += row * row.transpose() * weight;
         }
-        (squares, right, information)
+        // what a shape has of each box is of the order of the contrast: else what an edge does not tell would have no bounds
+        let known = variance / (light - dark).powi(2);
+        for k in 1..PLACE {
+            information[(k, k)] += known;
+            right[k] -= known * self.own[k];
+        }
+        (weighted, squares, right, information)
     }
 }
 
-/// Gauss-Newton from a gamma on; what each edge leaves, as variance of a level.
-fn fit(edges: &mut [BoardEdge], start: f64) -> Option<(GammaEstimate, Vec<f64>)> {
+/// An edge through 0 that three boxes of these half widths spread: what of it lies below `d`, and its density there.
+fn spread(d: f64, blur: f64, [p, q]: [f64; 2]) -> (f64, f64) {
+    let (mut above, mut density) = (0.0, 0.0);
+    for (sign, x) in [(1.0, p + q), (-1.0, p - q), (-1.0, q - p), (1.0, -p - q)] {
+        let (left, right) = ((d + x + blur).max(0.0), (d + x - blur).max(0.0));
+        density += sign * (left * left - right * right);
+        above += sign * (left * left * left - right * right * right);
+    }
+    let scale = 1.0 / (16.0 * blur * p * q);
+    (above * scale / 3.0, density * scale)
+}
+
+fn median(values: &[f64]) -> Option<f64> {
+    let mut sorted = values.to_vec();
+    sorted.sort_unstable_by(f64::total_cmp);
+    sorted.get(sorted.len() / 2).copied()
+}
+
+/// A gamma that was fitted.
+struct GammaFit {
+    gamma: f64,
+    sd: f64,
+    /// Half the second derivative of the squared errors by gamma.
+    information: f64,
+    /// What each edge leaves, as variance of a level.
+    misfits: Vec<f64>,
+    /// By how much its squared errors have fallen from the first gamma on.
+    gains: Vec<f64>,
+}
+
+/// Gauss-Newton from a gamma on, and from what the edges' own unknowns are.
+fn fit(edges: &mut [BoardEdge], start: f64) -> Option<GammaFit> {
     if edges.len() < MIN_EDGES {
         return None;
     }
-    // sides as light, from the levels that they are first
-    for edge in edges.iter_mut() {
-        edge.own[0] = edge.own[0].powf(start);
-        edge.own[1] = edge.own[1].powf(start);
-    }
-    let mut gamma = start;
-    let mut misfits = vec![0.0; edges.len()];
+    let (mut gamma, mut variance) = (start, LEVEL_VARIANCE);
+    let (mut misfits, mut squares, mut first) = (vec![0.0; edges.len()], vec![0.0; edges.len()], Vec::new());
     for step in 0..STEPS {
-        let (mut information, mut slope, mut slopes) = (0.0, 0.0, 0.0);
+        let (mut information, mut slope, mut each) = (0.0, 0.0, 0.0);
+        let mut kin = BTreeMap::<usize, f64>::new();
         let mut moves = Vec::with_capacity(edges.len());
-        for (edge, misfit) in edges.iter().zip(&mut misfits) {
-            let (squares, right, N) = edge.equations(gamma);
-            *misfit = squares / (edge.pixels.len() - 5) as f64;
-            let own = Matrix4::from_fn(|i, j| N[i][j]).try_inverse();
-            let cross = Vector4::from_fn(|i, _| N[i][4]);
-            let Some(own) = own else {
-                moves.push((Vector4::zeros(), Vector4::zeros()));
-                continue;
-            };
-            let (by_own, by_gamma) = (own * right.fixed_rows::<4>(0), own * cross);
-            let (h, b) = (N[4][4] - cross.dot(&by_gamma), right[4] - cross.dot(&by_own));
-            information += h;
+        for (edge, (misfit, square)) in edges.iter().zip(misfits.iter_mut().zip(&mut squares)) {
+            let (weighted, plain, right, N) = edge.equations(gamma, variance);
+            *misfit = weighted / (edge.pixels.len() - OWN) as f64;
+            *square = plain;
+            let cross = N.fixed_view::<OWN, 1>(0, OWN).into_owned();
+            // fails only where a level is no number
+            let own = N.fixed_view::<OWN, OWN>(0, 0).into_owned().cholesky()?;
+            let by_own = own.solve(&right.fixed_rows::<OWN>(0).into_owned());
+            let by_gamma = own.solve(&cross);
+            let b = right[OWN] - cross.dot(&by_own);
+            information += N[(OWN, OWN)] - cross.dot(&by_gamma);
             slope += b;
-            slopes += b * b;
+            each += b * b;
+            *kin.entry(edge.kin).or_default() += b;
             moves.push((by_own, by_gamma));
         }
         if !(information > 0.0) {
             return None;
         }
-        // chosen by hand: a first step from far off must not leap beyond 1; the later ones are small
-        let change = (slope / information).clamp(-0.3, 0.3);
+        if step <= OWN_STEPS {
+            first.clone_from(&squares);
+        }
+        variance = median(&misfits)?;
+        let groups = kin.len() as f64;
+        let groups = kin.values().map(|b| b * b).sum::<f64>() * groups / (groups - 1.0);
+        // what the edges and their groups differ by, and not less than what the noise of their pixels lets expect
+        let scatter = groups.max(each).max(variance * information).sqrt() / information;
+        let sd = scatter.hypot(MODEL_SD * gamma).hypot(BENT_SD * (gamma - 1.0));
+        let change = if step < OWN_STEPS { 0.0 } else { DAMPING * slope / information };
+        if step > OWN_STEPS && change.abs() < SETTLED * sd {
+            let gains = first.iter().zip(&squares).map(|(first, last)| first - last).collect();
+            return Some(GammaFit { gamma, sd, information, misfits, gains });
+        }
+        let next = gamma + change.clamp(-MAX_STEP, MAX_STEP);
+        let next = next.clamp(*Response::GAMMA.start(), *Response::GAMMA.end());
         for (edge, (by_own, by_gamma)) in edges.iter_mut().zip(moves) {
-            let moved = edge.own + by_own - by_gamma * change;
-            // sides that stay sides, places within reach, blurs that are some
-            edge.own = Vector4::new(
-                // light is above 0, of which no power of gamma would have a slope
-                moved[0].clamp(1e-4, 2.0),
-                // as above: must have a slope
-                moved[1].clamp(1e-4, 2.0),
-                moved[2].clamp(-2.0, 2.0),
-                // less than the pixel's own 0.29 px must be noise
-                moved[3].clamp(0.5 * edge.own[3], 2.0 * edge.own[3]).clamp(0.2, MAX_WIDTH_PX),
-            );
+            edge.own += by_own - by_gamma * (next - gamma);
+            edge.own[PLACE] = edge.own[PLACE].clamp(-MAX_PLACE_PX, MAX_PLACE_PX);
         }
-        gamma = (gamma + change).clamp(*Response::GAMMA.start(), *Response::GAMMA.end());
-        if step > 2 && change.abs() < SETTLED {
-            // what the edges differ by, not what the noise of their pixels lets expect: prints and blurs are not quite normal
-            return Some((GammaEstimate { gamma, sd: slopes.sqrt() / information }, misfits));
-        }
+        gamma = next;
     }
     None
 }
+
+#[cfg(test)]
+mod tests;

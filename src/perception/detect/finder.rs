@@ -116,11 +116,14 @@ impl Finder {
         }
     }
 
-    /// What `status` does not tell of the last frame: which tags it showed, and which are looked for.
+    /// What `status` does not tell of the last frame: which tags it showed, and which are looked for; or why a chessboard's corners are ambiguous.
     #[must_use]
     pub fn missed_in_words(&self, status: TargetStatus) -> Option<String> {
         match self {
             Self::Tags(finder) if status == TargetStatus::OtherTags => Some(finder.seen_in_words()),
+            Self::Chessboard(finder) if status == TargetStatus::Ambiguous => {
+                finder.miss().map(|miss| miss.to_string())
+            }
             _ => None,
         }
     }

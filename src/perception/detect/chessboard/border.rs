@@ -21,9 +21,12 @@ const STEP: f64 = 0.05;
 /// Where dark outer squares may end, in squares: some boards cut them short. Chosen by hand: what ends before 0.35 cannot be distinguished
 /// from blur at 0.25, where the square's own level is read.
 const CUTS: std::ops::RangeInclusive<f64> = 0.35..=1.15;
-/// Where whole ones end. Chosen by hand: the outer square is foretold from the one behind it, and perspective and lens make one square up to an
-/// eighth longer than the next. Halved, tilted boards have no end; doubled, a square that is cut by a quarter passes for whole.
+/// Where whole ones end. Chosen by hand: the outer square is foretold from the two behind it, and the third difference that perspective and lens
+/// leave is some hundredths. Halved, strongly tilted boards have no end; doubled, a square that is cut by a quarter passes for whole.
 const WHOLE: std::ops::RangeInclusive<f64> = 0.88..=1.12;
+/// A step that differs by more from the last one, in itself, foretells nothing. Chosen by hand: boards across half a fisheye's image change by a
+/// quarter from square to square; with more one corner is wrong.
+const MAX_CHANGE: f64 = 0.3;
 /// How far the ends of the dark squares may lie from their line: in squares, and in pixels. Chosen by hand: the ends of one side differ by
 /// what perspective and the reading of levels leave, some tenths of a pixel; twice of it lets the rim of a thing that lies there be a line.
 const LINE: f64 = 0.03;
@@ -54,8 +57,26 @@ pub(super) struct Outer {
     pub(super) rim: [Vector2<f64>; 2],
     /// Corners one step inwards of them.
     pub(super) inner: [Vector2<f64>; 2],
+    /// Corners two steps inwards, where they are known.
+    pub(super) third: Option<[Vector2<f64>; 2]>,
     /// Whether the outer square is light.
     pub(super) light: bool,
+}
+
+impl Outer {
+    /// Where the board's next corner would be behind one of the rim's: as far as that is from the one before it, and once more what this step differs
+    /// by from its own predecessor, since perspective and fisheyes make each square shorter, or longer, than the last.
+    fn next(&self, i: usize) -> Vector2<f64> {
+        let step = self.rim[i] - self.inner[i];
+        let change = self.third.map(|third| step - (self.inner[i] - third[i]));
+        let change = change.filter(|change| change.norm() < MAX_CHANGE * step.norm());
+        self.rim[i] + step + change.unwrap_or_default()
+    }
+
+    /// Outwards across the square, px.
+    fn outwards(&self) -> Vector2<f64> {
+        0.5 * (self.next(0) - self.rim[0] + self.next(1) - self.rim[1])
+    }
 }
 
 /// Measurement of one outer square.
@@ -86,8 +107,7 @@ pub(super) fn end(image: &ImageView<'_>, squares: impl Iterator<Item = Outer>) -
     let mut min_px = f64::INFINITY;
     for (square, slot) in squares.zip(&mut seen) {
         let Some(s) = look(image, &square) else { continue };
-        let step = 0.5 * (square.rim[0] + square.rim[1] - square.inner[0] - square.inner[1]);
-        min_px = min_px.min(step.norm());
+        min_px = min_px.min(square.outwards().norm());
         *slot = s;
         count += 1;
     }
@@ -135,7 +155,7 @@ pub(super) fn end(image: &ImageView<'_>, squares: impl Iterator<Item = Outer>) -
 /// them meet. An occluder cuts squares anywhere, and hardly along a line of corners.
 pub(super) fn stops(image: &ImageView<'_>, squares: impl Iterator<Item = Outer>) -> bool {
     let (mut stop, mut go_on) = (0, 0);
-    let mut vote = |rim: Vector2<f64>, inner: Vector2<f64>| match follows(image, rim, 2.0 * rim - inner) {
+    let mut vote = |square: &Outer, i: usize| match follows(image, square.rim[i], square.next(i)) {
         Some(true) => go_on += 1,
         Some(false) => stop += 1,
         None => {}
@@ -147,11 +167,11 @@ pub(super) fn stops(image: &ImageView<'_>, squares: impl Iterator<Item = Outer>)
         let whole = look(image, &square).is_some_and(|s| s.end >= *WHOLE.start());
         let before = open.take();
         if whole && cut != Some(square.rim[0]) {
-            vote(square.rim[0], square.inner[0]);
+            vote(&square, 0);
         }
         match before {
             // a gap ends a run of squares
-            Some(b) if b.rim[1] != square.rim[0] => vote(b.rim[1], b.inner[1]),
+            Some(b) if b.rim[1] != square.rim[0] => vote(&b, 1),
             _ => {}
         }
         if whole {
@@ -161,7 +181,7 @@ pub(super) fn stops(image: &ImageView<'_>, squares: impl Iterator<Item = Outer>)
         }
     }
     if let Some(last) = open {
-        vote(last.rim[1], last.inner[1]);
+        vote(&last, 1);
     }
     stop >= MIN_STOPS && f64::from(stop) >= SHARE * f64::from(stop + go_on)
 }
@@ -169,7 +189,7 @@ pub(super) fn stops(image: &ImageView<'_>, squares: impl Iterator<Item = Outer>)
 /// Profile of one square outwards: where the dark square becomes light, or the light one dark. `None` outside of the image and without contrast.
 fn look(image: &ImageView<'_>, square: &Outer) -> Option<OuterSquare> {
     let [a, b] = square.rim;
-    let outwards = 0.5 * (a + b - square.inner[0] - square.inner[1]);
+    let outwards = square.outwards();
     let side = b - a;
     let at = |t: f64| {
         // three lines through the square

@@ -25,13 +25,15 @@ pub enum ChessboardMiss {
     #[error("a chessboard whose size or colours are not those of the one that is looked for")]
     NoMatch,
     /// A part whose placement on the board is ambiguous: too little of the border is visible.
-    #[error("a part of a chessboard without enough of its border to tell which part")]
+    #[error(
+        "a part of a chessboard without enough of its border to tell which part; bring an end of both directions, with its light margin, into view"
+    )]
     NoBorder,
     /// More parts of chessboards than one search examines.
     #[error("too many parts of chessboards in the image: the search was given up")]
     GivenUp,
     /// Two boards that look alike.
-    #[error("two chessboards that could both be the one that is looked for")]
+    #[error("two chessboards that could both be the one that is looked for; cover one, or take it away")]
     Several,
 }
 

@@ -33,6 +33,7 @@ use miss::telling;
 use nalgebra::Vector2;
 use part::{Affine, trimmed};
 use place::{BoardPlacement, LatticeExtent, placements};
+use strongest::has_contrast;
 use track::Prediction;
 
 /// Least ring response of a corner, grey levels. Chosen by hand: squares 12 levels apart; half lets texture in, twice refuses dim boards.
@@ -79,6 +80,8 @@ pub struct ChessboardFinder {
     blur_px: f64,
     /// Number of lattices that the search may still examine.
     left: usize,
+    /// Why the last search found nothing.
+    miss: Option<ChessboardMiss>,
     /// Number of sides of the current lattice at which the end is visible, for both directions.
     ends_seen: [usize; 2],
 }
@@ -115,6 +118,7 @@ impl ChessboardFinder {
             predicted: Board::new(columns, rows),
             blur_px: BLUR_PX,
             left: 0,
+            miss: None,
             ends_seen: [0; 2],
         }
     }
@@ -124,7 +128,13 @@ impl ChessboardFinder {
     /// # Errors
     /// The status that says why there is no board; [`Self::search_or_why`] tells more. `found` is then empty.
     pub fn search(&mut self, image: &ImageView<'_>, found: &mut Vec<Detection>) -> Result<(), TargetStatus> {
-        self.search_or_why(image, found).map_err(TargetStatus::from)
+        self.miss = self.search_or_why(image, found).err();
+        self.miss.map_or(Ok(()), |miss| Err(miss.into()))
+    }
+
+    /// Why the last [`Self::search`] found nothing; `None` where it found a board.
+    pub(in crate::detect) fn miss(&self) -> Option<ChessboardMiss> {
+        self.miss
     }
 
     /// As [`Self::search`].
@@ -232,7 +242,7 @@ impl ChessboardFinder {
             }
         }
         self.search_level(image, image, 1.0).map_err(|miss| match telling(why, miss) {
-            ChessboardMiss::NoCorners if !has_contrast(image) => ChessboardMiss::NoContrast,
+            ChessboardMiss::NoCorners if !has_contrast(image, MIN_RESPONSE) => ChessboardMiss::NoContrast,
             miss => miss,
         })
     }
@@ -414,11 +424,7 @@ impl ChessboardFinder {
     fn outer(&self, low: [i16; 2], high: [i16; 2], side: u8) -> impl Iterator<Item = Outer> {
         let across = usize::from(side / 2);
         let along = 1 - across;
-        let (rim, inner) = if side.is_multiple_of(2) {
-            (low[across], low[across] + 1)
-        } else {
-            (high[across], high[across] - 1)
-        };
+        let (rim, inwards) = if side.is_multiple_of(2) { (low[across], 1) } else { (high[across], -1) };
         let row = self.grid_side() as i16;
         let cell = move |across_at: i16, along_at: i16| {
             let mut at = [0; 2];
@@ -428,20 +434,17 @@ impl ChessboardFinder {
         };
         let px = |p: Placed| Vector2::from(p.px.map(f64::from));
         (low[along]..high[along]).filter_map(move |at| {
-            let (a, b) = (cell(rim, at)?, cell(rim, at + 1)?);
-            let (c, d) = (cell(inner, at)?, cell(inner, at + 1)?);
+            let pair = |line: i16| Some([cell(line, at)?, cell(line, at + 1)?]);
+            let both @ [a, _] = pair(rim)?;
             Some(Outer {
-                rim: [px(a), px(b)],
-                inner: [px(c), px(d)],
+                rim: both.map(px),
+                inner: pair(rim + inwards)?.map(px),
+                third: pair(rim + 2 * inwards).map(|pair| pair.map(px)),
                 light: a.light != side.is_multiple_of(2),
             })
         })
     }
 }
 
-/// Whether the image has enough contrast for the ring response of a corner, which is at most half of the difference of its squares.
-fn has_contrast(image: &ImageView<'_>) -> bool {
-    let levels = || (0..image.height()).flat_map(|y| image.row(y).iter().copied());
-    let (darkest, brightest) = (levels().min().unwrap_or(0), levels().max().unwrap_or(0));
-    brightest - darkest >= 2 * MIN_RESPONSE
-}
+#[cfg(test)]
+mod tests;

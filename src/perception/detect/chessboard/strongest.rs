@@ -97,6 +97,13 @@ fn maximum_body(
     place.map(|px| (f32::from(best) / 8.0, px))
 }
 
+/// Whether the image has enough contrast for a ring response of `least`, which is at most half of the difference of a corner's squares.
+pub(super) fn has_contrast(image: &ImageView<'_>, least: u8) -> bool {
+    let levels = || (0..image.height()).flat_map(|y| image.row(y).iter().copied());
+    let (darkest, brightest) = (levels().min().unwrap_or(0), levels().max().unwrap_or(0));
+    brightest - darkest >= 2 * least
+}
+
 /// Whole numbers about a middle, but none outside of `first..=last`.
 #[inline(always)]
 fn range(middle: f64, half: f64, first: i64, last: i64) -> std::ops::RangeInclusive<i64> {
