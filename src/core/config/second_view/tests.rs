@@ -51,7 +51,7 @@ fn what_two_cameras_do_not_control_is_refused() {
         ("servo.set_point.kind=taught", "servo.set_point.kind: must be `pose` with [second_view]"),
         ("servo.object.moves=true", "servo.object.moves: does not go with [second_view]"),
         ("run.task=calibrate_latency", "run.task: must be `servo` with [second_view]"),
-        ("stereo.pair_tolerance_ms=2", "stereo"),
+        ("stereo.pair_tolerance_ms=2", "cameras[1].mount.kind: must be that of the left camera"),
         ("drive.kind=none", "second_view: needs an arm that moves"),
         ("second_view.weight=0", "second_view.weight: 0 is out of range"),
         ("second_view.wait=1", "second_view.wait: unknown field"),
