@@ -61,8 +61,8 @@ use goal_watch::GoalWatch;
 use nalgebra::SVector;
 use requests::MissionChange;
 use residual::{
-    AT_ITS_END, BEHIND_OBJECT, NO_NEARER, OUT_OF_REACH, ResidualWatch, TOO_WEAK, is_at_its_end, why_it_stays,
-    why_met_elsewhere,
+    AMBIGUOUS_VIEW, AT_ITS_END, BEHIND_OBJECT, NO_NEARER, OUT_OF_REACH, ResidualWatch, TOO_FEW_FEATURES,
+    TOO_WEAK, is_another_pose, is_at_its_end, leaves_pose_open, why_it_stays,
 };
 use run_end::{HELD_OFF, LAST_FRAME, LATELY, MOTION_OVER, NO_MORE_FRAMES, RunEnd};
 use std::collections::VecDeque;
@@ -405,12 +405,12 @@ impl<const N: usize> Mission<N> {
         let met_px = (MET_SHARE * self.measurements.error_px()).max(goal_px);
         let (law, set_point) = (&self.plan.law, &self.goal.set_point);
         let joints = self.cell.as_ref().map_or(N, |cell| cell.mount.moving_joints(N));
-        let met = |m| why_met_elsewhere((law, set_point), m, &self.plan.f_px, (met_px, joints));
-        let why = |px| match seen.and_then(met) {
-            Some(why) => why,
+        let why = |px| match seen.filter(|m| is_another_pose(set_point, m, &self.plan.f_px, met_px)) {
+            Some(_) => AMBIGUOUS_VIEW,
             None => match why_it_stays(law, set_point, seen, (px, N)) {
                 // what is seen has no explanation of its own
                 OUT_OF_REACH | TOO_WEAK if is_at_its_end(&trace.limits) => AT_ITS_END,
+                OUT_OF_REACH | TOO_WEAK if leaves_pose_open(law, set_point, joints) => TOO_FEW_FEATURES,
                 why => why,
             },
         };

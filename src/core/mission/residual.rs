@@ -8,7 +8,7 @@
 
 use crate::messages::Measurement;
 use crate::motion::{ActingLimits, Limit};
-use crate::servo::{Law, OperationalSpace, SetPoint, View, determined_directions, felt_share, image_error};
+use crate::servo::{Law, OperationalSpace, SetPoint, View, determined_directions, felt_share};
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::Vector2;
 
@@ -48,9 +48,9 @@ pub const AMBIGUOUS_VIEW: &str = "the three points that the law compares are whe
                                   same from up to four poses of the camera, and this is another one than the goal; let the law compare a \
                                   fourth point (servo.points), or start nearer to the goal";
 
-/// The reason that ends a run in which all that the law compares is where it should be, and tells too little of the pose.
-pub const TOO_FEW_FEATURES: &str = "the arm stands where all that the law compares is as at the goal, and the rest of the target is not: what servo.points, servo.segments and \
-                                    servo.area select tells of fewer directions than the arm has, so that many poses look the same to the law; let it compare more";
+/// The reason that ends a run whose features fix no pose.
+pub const TOO_FEW_FEATURES: &str = "the arm stands and the error stays: what servo.points, servo.segments and servo.area select tells of fewer directions than the arm has, so that many \
+                                    poses look the same to the law, and it went to another one than the goal; let it compare more";
 
 /// The reason that ends a run whose arm moves and gets no nearer.
 pub const NO_NEARER: &str = "the arm moves on and the error does not fall: lower servo.gain_1_s; see whether load, friction and delay of \
@@ -107,24 +107,24 @@ pub(super) fn why_it_stays(
     }
 }
 
-/// Why an error stays where the law has no error any more in the view `m`: what it compares is within `met_px` of where it should be, px, with the focal
-/// lengths `f_px`, and looks so from other poses too, of a camera that so many `joints` move. `None` where the law has an error, or compares enough.
-pub(super) fn why_met_elsewhere(
-    (law, set_point): (&Law, &SetPoint),
+/// Whether the law compares three points and the view `m` has these within `met_px` of where they should be, px, with the focal lengths `f_px`: from
+/// up to four poses they look so.
+pub(super) fn is_another_pose(
+    set_point: &SetPoint,
     m: &Measurement,
     f_px: &Vector2<f64>,
-    (met_px, joints): (f64, usize),
-) -> Option<&'static str> {
+    met_px: f64,
+) -> bool {
+    set_point.selection().points().count() == 3
+        && View::of(m, set_point).is_some_and(|view| set_point.compared_error_rms_px(&view, f_px) <= met_px)
+}
+
+/// Whether the features that an image-based law compares leave open some motion of a camera that so many `joints` move: it may then stand anywhere along that, also
+/// where the guard of the image's border or friction holds it before they are met.
+pub(super) fn leaves_pose_open(law: &Law, set_point: &SetPoint, joints: usize) -> bool {
     let compares_features =
         matches!(law, Law::ImageVelocity { .. } | Law::ImageTorque { .. } | Law::PreconditionedTorque { .. });
-    let too_few = || determined_directions(set_point).is_some_and(|told| told < joints.min(6));
-    let view = View::of(m, set_point)?;
-    if compares_features && too_few() {
-        let (e_s, _) = image_error(set_point, &view)?;
-        return (e_s.norm() * f_px.max() <= met_px).then_some(TOO_FEW_FEATURES);
-    }
-    let is_of_three = set_point.selection().points().count() == 3;
-    (is_of_three && set_point.compared_error_rms_px(&view, f_px) <= met_px).then_some(AMBIGUOUS_VIEW)
+    compares_features && determined_directions(set_point).is_some_and(|told| told < joints.min(6))
 }
 
 /// The mean error over this time is compared with that of the time before; if it falls by less than this share, the arm is no nearer.
