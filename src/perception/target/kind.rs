@@ -202,7 +202,7 @@ mod tests {
             "chessboard:9x6:25",
             "tag:36h11:50:7",
             "ellipse:40x20",
-            "polygon:0,0;20,0;20,30",
+            "polygon:0,0;20,0;20,10;10,10;10,30;0,30",
         ] {
             let message = word.parse::<Kind>().unwrap_err().to_string();
             assert!(message.contains("lengths are in m") && message.contains(word), "{word}: {message}");

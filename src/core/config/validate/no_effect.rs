@@ -4,7 +4,9 @@
 
 use crate::config::check::Validation;
 use crate::config::default_keys;
-use crate::config::raw::{DampingOn, Depth, FeatureGain, PoseFrom, RawConfig, SchemeKind, SetPointKind};
+use crate::config::raw::{
+    AreaKind, DampingOn, Depth, FeatureGain, PoseFrom, RawConfig, SchemeKind, SetPointKind,
+};
 use crate::drive::CommandMode;
 use crate::servo::{InteractionAt, UpdatePolicy};
 use toml::Value;
@@ -28,7 +30,7 @@ const CONDITIONS: [Conditional; 23] = [
             "servo.smooth_start_1_s",
             "servo.limit_avoidance_1_s",
         ],
-        acts: |raw| is_velocity_law(raw),
+        acts: is_velocity_law,
         only_with: VELOCITY_LAW,
     },
     Conditional {
@@ -99,7 +101,7 @@ const CONDITIONS: [Conditional; 23] = [
     },
     Conditional {
         keys: &["servo.outline"],
-        acts: |raw| raw.servo.area != crate::config::raw::AreaKind::None,
+        acts: |raw| raw.servo.area != AreaKind::None,
         only_with: "servo.area",
     },
     Conditional {
