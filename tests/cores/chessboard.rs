@@ -455,6 +455,8 @@ fn boards_tell_the_cameras_response() {
             (estimate.gamma - gamma).abs() < 0.05 + 4.0 * estimate.sd && estimate.sd < 0.04 + 0.1 * gamma,
             "{gamma}: {estimate:?}"
         );
-        assert_eq!(estimate.response().is_some(), gamma > 1.0, "{gamma}: {estimate:?}");
+        // A weak one may stay untold, but is not called linear.
+        assert_eq!(estimate.is_linear(), gamma == 1.0, "{gamma}: {estimate:?}");
+        assert!(estimate.response().is_some() || gamma < 1.5, "{gamma}: {estimate:?}");
     }
 }

@@ -101,7 +101,13 @@ fn the_start_is_far_from_the_goal() {
 #[test]
 fn an_unknown_payload_makes_no_lasting_error() {
     for arm in SIX_DOF {
-        assert_accurate(&lockstep(arm, &["drive.simulated.payload_kg=1"]));
+        let loaded = lockstep(arm, &["drive.simulated.payload_kg=1"]);
+        let s = &loaded.summary;
+        assert_eq!(s["outcome"], "converged", "{arm}: {}", loaded.text());
+        assert!(number(s, &["final", "position_error_m"]) < 5e-5, "{arm}: {s}");
+        assert!(number(s, &["final", "orientation_error_rad"]) < 3e-4, "{arm}: {s}");
+        // A Panda holds its goal in the mean: at the end it is anywhere in that.
+        assert!(number(s, &["final", "feature_error_px"]) < 0.15, "{arm}: {s}");
     }
 }
 

@@ -37,7 +37,7 @@ fn a_load_is_found_and_its_lines_are_those_of_a_run_file() {
     assert_eq!(output.status.code(), Some(0), "{}", text(&output));
     let printed = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(printed.starts_with("the flange carries ") && printed.contains("(told 0.500)"), "{printed}");
-    assert!(printed.contains("joint 6: friction "), "{printed}");
+    assert!(printed.contains("joint \"wrist_3_joint\": friction "), "{printed}");
     let written = std::fs::read_to_string(&path).unwrap();
     let (head, lines) = written.split_once('\n').unwrap();
     assert!(head.starts_with("# vservo calibrate load: the flange carries ") && printed.ends_with(lines));

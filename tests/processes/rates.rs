@@ -111,6 +111,8 @@ fn a_camera_that_is_too_slow_for_the_timeout_is_told_so() {
             "camera.rate_hz=1",
             "--set",
             "safety.measurement_timeout_ms=1500",
+            "--set",
+            "goal.hold_s=0.05",
         ],
     );
     let lines = |text: &str| text.lines().filter(|l| l.contains("warning: ")).count();
