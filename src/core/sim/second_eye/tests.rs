@@ -19,7 +19,7 @@ fn load(set: &[&str]) -> Config {
 }
 
 /// What a run shows of its two cameras.
-struct Shown {
+struct TwoViewRun {
     run: SystemRun,
     /// What was told of them, and when, s.
     told: Vec<(f64, Event)>,
@@ -27,7 +27,7 @@ struct Shown {
     off_m: Vec<f64>,
 }
 
-fn run(config: &Config) -> Shown {
+fn run(config: &Config) -> TwoViewRun {
     let (mut told, mut off_m) = (Vec::new(), Vec::new());
     let run = simulate_system(config, &mut |moment| {
         if let Moment::Tick(trace, errors) = moment {
@@ -44,10 +44,10 @@ fn run(config: &Config) -> Shown {
         }
         ControlFlow::Continue(())
     });
-    Shown { run: run.unwrap(), told, off_m }
+    TwoViewRun { run: run.unwrap(), told, off_m }
 }
 
-impl Shown {
+impl TwoViewRun {
     /// Distance, m, and angle, deg, by which the arm is truly off the goal of the first camera and of the second one.
     fn off(&self) -> [(f64, f64); 2] {
         [self.run.errors, self.run.second_errors.unwrap()].map(|errors| {
