@@ -75,7 +75,7 @@ fn what_two_cameras_do_not_control_is_refused() {
     let one = "[second_view]\nweight = 2.0\n";
     let error = Config::parse("cell.toml", one, std::path::Path::new("."), &[]).unwrap_err().to_string();
     assert!(
-        error.contains("cell.toml:1:1: second_view: needs two [[cameras]]; the run file has 1"),
+        error.contains("cell.toml:1:2: second_view: needs two [[cameras]]; the run file has 1"),
         "{error}"
     );
 }
