@@ -34,6 +34,8 @@ const ALL: usize = OWN + 1;
 const MIN_PIXELS: usize = 2 * OWN;
 /// Variance of a level, as a share of the greatest, before it is known. Derived: one grey level.
 const LEVEL_VARIANCE: f64 = 1.5e-5;
+/// Least of it. Derived: that of a level's rounding, a twelfth of its square. Pixels whose shape is uncertain count less, and with no bound all of them ever less.
+const ROUNDING: f64 = 1.0 / (12.0 * 255.0 * 255.0);
 /// Least side of a pixel's box across an edge that runs along it, px. Chosen by hand: its formula divides by it, and no edge tells 0.05 px from nothing.
 const THIN_PX: f64 = 0.05;
 /// Share of an edge about its middle that is used. Chosen by hand: nearer to its ends the neighbouring squares' blur reaches in.
@@ -56,15 +58,15 @@ const EDGES_OF_VIEW: usize = 60;
 const MAX_EDGES: usize = 600;
 /// Fewest edges for a result. Chosen by hand, so that their scatter gives the standard deviation to a sixth (`1 / sqrt(2 * 19)`).
 const MIN_EDGES: usize = 20;
-/// Most steps of the fit, and the change of gamma that ends it, in its standard deviations. Chosen by hand: where each change is nine tenths of the last, a fifth
-/// of a deviation is left.
-const STEPS: usize = 120;
-const SETTLED: f64 = 0.02;
-/// Steps in which gamma waits for the edges' own unknowns. Chosen by hand: these are linear but for the place, and two steps find them.
+/// Steps in which the edges' own unknowns follow a gamma. Chosen by hand: these are linear but for the place, and weights follow them; the slope by gamma is freed of what a
+/// last step would still change.
 const OWN_STEPS: usize = 3;
-/// Share of a step of gamma that is taken, and the longest one. Chosen by hand: whole steps go to and fro where shapes follow gamma late, and from far off
-/// the equations are straight about so far.
-const DAMPING: f64 = 0.6;
+/// Most gammas that are tried, and the step that ends it, in gamma's standard deviations. Chosen by hand: false position takes some six, and a fiftieth of a deviation is nothing.
+const TRIALS: usize = 30;
+const SETTLED: f64 = 0.02;
+/// Least share of the information that the slope is taken to fall by. Chosen by hand: a tenth was seen, and a step too far is between two from then on.
+const FLATTEST: f64 = 0.05;
+/// Longest step of gamma. Chosen by hand: the equations are straight about so far.
 const MAX_STEP: f64 = 0.3;
 /// Farthest place of an edge from the line through its corners, px. Chosen by hand: prints and lenses move edges by tenths.
 const MAX_PLACE_PX: f64 = 1.0;
@@ -83,9 +85,9 @@ const TOLD_SD: f64 = 4.0;
 const NOTICEABLE: f64 = 0.25;
 /// Gammas from there on are distrusted, as all below 1 are. Chosen by hand: cameras have 1 to 2.6, and what fits a larger one is no gamma.
 const LARGEST: f64 = 3.2;
-/// Least support of a response. Measured on images of another renderer: of gamma 2.2 those that are right have more than 1.4, since squared errors rise
-/// faster than a parabola, and false ones less than 0.5.
-const SUPPORT: f64 = 0.75;
+/// Least support of a response. Measured on images of two other renderers: of 110 linear sets those whose gamma would be told have none (-0.03 and less), of bent ones
+/// those that are right have 0.36 and more.
+const SUPPORT: f64 = 0.3;
 /// Standard deviation of gamma from which on nothing is known. Chosen by hand: a linear response would be within it of gamma 1.2.
 const UNKNOWN_SD: f64 = 0.1;
 
@@ -241,6 +243,12 @@ impl BoardEdge {
         (self.own[0], self.own[FIRST_BOX]) = (0.5 * (dark + light), light - dark);
     }
 
+    /// Moves its own unknowns.
+    fn follow(&mut self, by: &SVector<f64, OWN>) {
+        self.own += by;
+        self.own[PLACE] = self.own[PLACE].clamp(-MAX_PLACE_PX, MAX_PLACE_PX);
+    }
+
     /// Sums of weighted squares and of squares, and the normal equations of its own unknowns and gamma, for levels of this variance.
     fn equations(&self, gamma: f64, variance: f64) -> (f64, f64, SVector<f64, ALL>, SMatrix<f64, ALL, ALL>) {
         let [dark, light] = self.sides.map(|level| level.powf(gamma));
@@ -310,23 +318,33 @@ struct GammaFit {
     gains: Vec<f64>,
 }
 
-/// Gauss-Newton from a gamma on, and from what the edges' own unknowns are.
-fn fit(edges: &mut [BoardEdge], start: f64) -> Option<GammaFit> {
-    if edges.len() < MIN_EDGES {
-        return None;
-    }
-    let (mut gamma, mut variance) = (start, LEVEL_VARIANCE);
-    let (mut misfits, mut squares, mut first) = (vec![0.0; edges.len()], vec![0.0; edges.len()], Vec::new());
-    for step in 0..STEPS {
+/// All edges at a gamma.
+struct Slope {
+    /// Of half the squared errors, downwards by gamma, each edge's own unknowns following it.
+    slope: f64,
+    /// Its derivative, as far as weights stay as they are.
+    information: f64,
+    /// Standard deviation of gamma.
+    sd: f64,
+    /// Of a level.
+    variance: f64,
+    misfits: Vec<f64>,
+    squares: Vec<f64>,
+    /// How each edge's own unknowns follow gamma.
+    by_gamma: Vec<SVector<f64, OWN>>,
+}
+
+impl Slope {
+    /// With the edges' own unknowns a step further; `None` where levels are no numbers.
+    fn of(edges: &mut [BoardEdge], gamma: f64, variance: f64) -> Option<Self> {
         let (mut information, mut slope, mut each) = (0.0, 0.0, 0.0);
         let mut kin = BTreeMap::<usize, f64>::new();
-        let mut moves = Vec::with_capacity(edges.len());
-        for (edge, (misfit, square)) in edges.iter().zip(misfits.iter_mut().zip(&mut squares)) {
-            let (weighted, plain, right, N) = edge.equations(gamma, variance);
-            *misfit = weighted / (edge.pixels.len() - OWN) as f64;
-            *square = plain;
+        let (mut misfits, mut all_squares, mut all_by_gamma) = (Vec::new(), Vec::new(), Vec::new());
+        for edge in edges {
+            let (weighted, squares, right, N) = edge.equations(gamma, variance);
+            misfits.push(weighted / (edge.pixels.len() - OWN) as f64);
+            all_squares.push(squares);
             let cross = N.fixed_view::<OWN, 1>(0, OWN).into_owned();
-            // fails only where a level is no number
             let own = N.fixed_view::<OWN, OWN>(0, 0).into_owned().cholesky()?;
             let by_own = own.solve(&right.fixed_rows::<OWN>(0).into_owned());
             let by_gamma = own.solve(&cross);
@@ -335,34 +353,70 @@ fn fit(edges: &mut [BoardEdge], start: f64) -> Option<GammaFit> {
             slope += b;
             each += b * b;
             *kin.entry(edge.kin).or_default() += b;
-            moves.push((by_own, by_gamma));
+            all_by_gamma.push(by_gamma);
+            edge.follow(&by_own);
         }
-        if !(information > 0.0) {
-            return None;
-        }
-        if step <= OWN_STEPS {
-            first.clone_from(&squares);
-        }
-        variance = median(&misfits)?;
+        let variance = median(&misfits)?.max(ROUNDING);
         let groups = kin.len() as f64;
         let groups = kin.values().map(|b| b * b).sum::<f64>() * groups / (groups - 1.0);
         // what the edges and their groups differ by, and not less than what the noise of their pixels lets expect
         let scatter = groups.max(each).max(variance * information).sqrt() / information;
         let sd = scatter.hypot(MODEL_SD * gamma).hypot(BENT_SD * (gamma - 1.0));
-        let change = if step < OWN_STEPS { 0.0 } else { DAMPING * slope / information };
-        if step > OWN_STEPS && change.abs() < SETTLED * sd {
-            let gains = first.iter().zip(&squares).map(|(first, last)| first - last).collect();
-            return Some(GammaFit { gamma, sd, information, misfits, gains });
+        let known = information > 0.0 && sd.is_finite();
+        let (squares, by_gamma) = (all_squares, all_by_gamma);
+        known.then_some(Self { slope, information, sd, variance, misfits, squares, by_gamma })
+    }
+}
+
+/// The gamma at which the slope is 0, from one on, and from what the edges' own unknowns are: steps of Gauss and Newton until it lies between two that were tried, then false position.
+/// Weights and shapes follow gamma, by which the slope falls some times slower than the information says: such steps alone would crawl.
+fn fit(edges: &mut [BoardEdge], start: f64) -> Option<GammaFit> {
+    if edges.len() < MIN_EDGES {
+        return None;
+    }
+    let (mut gamma, mut variance) = (start, LEVEL_VARIANCE);
+    let mut first = None;
+    // where the slope leads up from, and down from, with it
+    let mut ends: [Option<[f64; 2]>; 2] = [None; 2];
+    let mut before = None;
+    let mut trial = 0;
+    loop {
+        for _ in 0..OWN_STEPS {
+            variance = Slope::of(edges, gamma, variance)?.variance;
         }
-        let next = gamma + change.clamp(-MAX_STEP, MAX_STEP);
+        let at = Slope::of(edges, gamma, variance)?;
+        variance = at.variance;
+        let first: &Vec<f64> = first.get_or_insert_with(|| at.squares.clone());
+        let side = usize::from(at.slope < 0.0);
+        // twice on one side: the other end draws less, else it would stay for ever
+        if let Some(other) = ends[1 - side].as_mut().filter(|_| before == Some(side)) {
+            other[1] *= 0.5;
+        }
+        before = Some(side);
+        let last = ends[side].replace([gamma, at.slope]);
+        let next = match ends {
+            [Some([low, up]), Some([high, down])] => low + (high - low) * up / (up - down),
+            _ => {
+                let falls = last.map_or(at.information, |[g, slope]| (slope - at.slope) / (gamma - g));
+                gamma
+                    + (at.slope / falls.clamp(FLATTEST * at.information, at.information))
+                        .clamp(-MAX_STEP, MAX_STEP)
+            }
+        };
         let next = next.clamp(*Response::GAMMA.start(), *Response::GAMMA.end());
-        for (edge, (by_own, by_gamma)) in edges.iter_mut().zip(moves) {
-            edge.own += by_own - by_gamma * (next - gamma);
-            edge.own[PLACE] = edge.own[PLACE].clamp(-MAX_PLACE_PX, MAX_PLACE_PX);
+        trial += 1;
+        let change = next - gamma;
+        if change.abs() < SETTLED * at.sd || trial == TRIALS {
+            let gains = first.iter().zip(&at.squares).map(|(first, last)| first - last).collect();
+            // what is left to go is told: 0 but for a last trial
+            let sd = at.sd.hypot(change);
+            return Some(GammaFit { gamma, sd, information: at.information, misfits: at.misfits, gains });
+        }
+        for (edge, by_gamma) in edges.iter_mut().zip(&at.by_gamma) {
+            edge.follow(&(-by_gamma * change));
         }
         gamma = next;
     }
-    None
 }
 
 #[cfg(test)]
