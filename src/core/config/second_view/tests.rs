@@ -72,6 +72,14 @@ fn what_two_cameras_do_not_control_is_refused() {
         let error = told(&[set]).expect_err(set);
         assert!(error.contains(why), "{set}: {error}");
     }
+    let pair = [
+        "stereo.pair_tolerance_ms=2",
+        "cameras[1].mount.kind=eye_in_hand",
+        "cameras[1].mount.position_m=[0.06,0,0.05]",
+        "cameras[1].mount.rotation_rpy_rad=[0,0,0]",
+    ];
+    let error = told(&pair).unwrap_err();
+    assert!(error.contains("stereo: makes one view of two cameras"), "{error}");
     let one = "[second_view]\nweight = 2.0\n";
     let error = Config::parse("cell.toml", one, std::path::Path::new("."), &[]).unwrap_err().to_string();
     assert!(
