@@ -85,7 +85,7 @@ const TOLD_SD: f64 = 4.0;
 const NOTICEABLE: f64 = 0.25;
 /// Gammas from there on are distrusted, as all below 1 are. Chosen by hand: cameras have 1 to 2.6, and what fits a larger one is no gamma.
 const LARGEST: f64 = 3.2;
-/// Least support of a response. Measured on images of two other renderers: of 110 linear sets those whose gamma would be told have none (-0.03 and less), of bent ones
+/// Least support of a response. Measured on images of two other renderers: of 310 linear sets those whose gamma would be told have none (-0.03 and less), of bent ones
 /// those that are right have 0.36 and more.
 const SUPPORT: f64 = 0.3;
 /// Standard deviation of gamma from which on nothing is known. Chosen by hand: a linear response would be within it of gamma 1.2.
