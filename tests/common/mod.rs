@@ -225,7 +225,8 @@ pub fn run(test: &str, arguments: &[&str]) -> Run {
     last
 }
 
-fn run_once(test: &str, arguments: &[&str]) -> Run {
+/// `vservo run ARGUMENTS` under a name of its own, to its end, whatever the machine did.
+pub fn run_once(test: &str, arguments: &[&str]) -> Run {
     let instance = Instance::new(test);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("summary.json");

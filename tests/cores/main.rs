@@ -4,6 +4,7 @@ mod arm_unlike_model;
 mod boundary;
 mod calibration_rendered;
 mod camera_on_link;
+mod camera_response;
 mod chessboard;
 mod client_velocities;
 mod comparison_metrics;

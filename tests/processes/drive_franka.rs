@@ -3,7 +3,7 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stdout)] // what is skipped is told
 
-use crate::common::{Instance, Run, assert_accurate, kill, read_summary, run, vservo, wait_until};
+use crate::common::{Instance, Run, assert_accurate, kill, read_summary, run, run_once, vservo, wait_until};
 use crate::drive::{ROBOT_PRIORITY, program, start_run};
 use crate::serve::Daemon;
 use std::net::{IpAddr, Ipv4Addr};
@@ -103,12 +103,13 @@ fn the_run_files_own_arm_converges_behind_the_wire() {
             wait_until("an emulator", || std::net::TcpStream::connect((host, 1337)).is_ok());
             let (command, mode) = (command(host, &[]), format!("drive.mode={mode}"));
             let set = ["config/fr3-emulated.toml", "--set", &command, "--set", &mode];
-            let r = run("fremulated", &[&set[..], &PATIENT, carried].concat());
+            let r = run_once("fremulated", &[&set[..], &PATIENT, carried].concat());
             kill(emulator.id() as i32, "TERM");
             assert_eq!(emulator.wait().unwrap().code(), Some(0));
             r
         };
-        // A wrist that a last torque turns for as long as a busy machine holds control up becomes too fast, as a robot's would: such a run is begun again.
+        // A wrist that a last torque turns for as long as a busy machine holds control up becomes too fast, as a robot's would: such a run is begun again, with
+        // another emulator: this one has stopped.
         let is_starved = |run: &Run| {
             let longest = run.summary["tick_us"]["wake"]["max"].as_f64();
             run.summary["outcome"] == "fault" && longest.is_some_and(|us| us > 5e3)
