@@ -21,11 +21,7 @@ fn boards_tell_the_cameras_response() {
         println!("gamma {gamma}: {estimate:?}");
         let right =
             (estimate.gamma - gamma).abs() < 0.05 + 4.0 * estimate.sd && estimate.sd < 0.04 + 0.1 * gamma;
-        // One of 1.3 may be within what is not distinguished from linear (below 1.25).
-        assert!(
-            if gamma == 1.0 { estimate.is_linear() } else { gamma < 1.5 || !estimate.is_linear() },
-            "{gamma}: {estimate:?}"
-        );
+        assert_eq!(estimate.is_linear(), gamma == 1.0, "{gamma}: {estimate:?}");
         assert!(right || gamma > 1.5 && estimate.response().is_none(), "{gamma}: {estimate:?}");
         told += usize::from(estimate.response().is_some());
     }
