@@ -33,8 +33,6 @@ pub struct Disagreement {
 pub(super) fn write(file: impl AsFd, agreement: &Agreement) {
     let text: String =
         agreement.iter().map(|(key, value)| format!("{key}\t{}\n", value.replace('\n', " "))).collect();
-    // What a dead process of the role left is no longer read.
-    let _ = pwrite(&file, &[0; 8], AT);
     let written = pwrite(&file, text.as_bytes(), AT + 8);
     if written == Ok(text.len()) {
         // Its length last: what has none yet is not read.
@@ -116,6 +114,9 @@ mod tests {
         assert_eq!(place.disagreements(Role::Supervisor, &theirs), []);
         drop((lock, heartbeat));
         assert_eq!(place.disagreements(Role::Supervisor, &ours), []); // who is dead has no say
+        let _next = place.lock(Role::Control).unwrap();
+        assert_eq!(place.disagreements(Role::Supervisor, &ours), []); // nor through the one who takes its role next
+        drop(_next);
         place.remove_leftovers(None);
     }
 }

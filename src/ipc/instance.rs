@@ -281,6 +281,8 @@ impl Instance {
             }
             // The lock counts only if its file is still the one that the next process will find.
             if place.holds(&name, &file) {
+                // What the file says is a dead process's word: nobody may take it for that of the next one.
+                let _ = rustix::fs::ftruncate(&file, 0);
                 return Ok(RoleLock { file });
             }
         }

@@ -5,6 +5,11 @@ use super::{LeftoversGuard, ProcessError};
 use crate::config::Config;
 use crate::ipc::{Heartbeat, Instance, Role, RoleLock, Services};
 use crate::time::SpanNs;
+use std::time::Duration;
+
+/// A process that has just taken its role needs microseconds to wipe what a dead one said in its place: who disagrees is asked once more after this. Chosen by hand, long for
+/// that even on a busy machine.
+const LOOK_AGAIN: Duration = Duration::from_millis(50);
 
 /// A held role and the connection to shared memory. The fields are given back in the order in which they stand:
 /// first the connection, then the role, and then, by the last process, the instance's directory itself.
@@ -26,7 +31,11 @@ impl Membership {
         let lock = instance.lock(role)?;
         let agreement = config.agreement();
         lock.state(&agreement);
-        let disagreements = instance.disagreements(role, &agreement);
+        let mut disagreements = instance.disagreements(role, &agreement);
+        if !disagreements.is_empty() {
+            std::thread::sleep(LOOK_AGAIN);
+            disagreements = instance.disagreements(role, &agreement);
+        }
         if !disagreements.is_empty() {
             return Err(ProcessError::Disagree {
                 instance: instance.to_string(),
