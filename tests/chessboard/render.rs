@@ -55,6 +55,7 @@ impl Thing {
     }
 
     /// Its level at a point, if it is there.
+    #[inline]
     fn at(&self, p: Vector2<f64>) -> Option<f64> {
         let (s, c) = self.turn.sin_cos();
         let d = p - self.middle;
@@ -63,6 +64,13 @@ impl Thing {
         let odd = self.stripe > 0.0 && (x * self.half.x / self.stripe).floor().rem_euclid(2.0) > 0.5;
         inside.then_some(if odd { 255.0 - self.level } else { self.level })
     }
+}
+
+/// Image of a point under a projective map: component by component, since each sample of an image needs it.
+#[inline]
+fn mapped(H: &Matrix3<f64>, p: Vector2<f64>) -> Vector2<f64> {
+    let along = |i: usize| H[(i, 0)] * p.x + H[(i, 1)] * p.y + H[(i, 2)];
+    Vector2::new(along(0), along(1)) / along(2)
 }
 
 /// A view of a board with `columns x rows` inner corners and squares of side 1.
@@ -149,8 +157,8 @@ impl View {
 
     /// Image of a corner, px.
     pub(crate) fn corner(&self, column: usize, row: usize) -> Vector2<f64> {
-        let v = self.homography * Vector3::new(column as f64, row as f64, 1.0);
-        let d = (Vector2::new(v.x, v.y) / v.z - self.middle()) / (0.5 * self.width as f64);
+        let seen = mapped(&self.homography, Vector2::new(column as f64, row as f64));
+        let d = (seen - self.middle()) / (0.5 * self.width as f64);
         self.middle() + d * (1.0 + self.k * d.norm_squared()) * (0.5 * self.width as f64)
     }
 
@@ -168,8 +176,8 @@ impl View {
             }
         }
         let q = self.undistorted.as_ref().map_or(self.middle() + u * half, |all| all[sample]);
-        let v = inverse * Vector3::new(q.x, q.y, 1.0);
-        let (x, y) = (v.x / v.z, v.y / v.z);
+        let place = mapped(inverse, q);
+        let (x, y) = (place.x, place.y);
         let (c, r) = (self.columns as f64, self.rows as f64);
         let on = |m: f64| x > -1.0 - m && y > -1.0 - m && x < c + m && y < r + m;
         let level = if on(0.0) {
@@ -217,13 +225,8 @@ impl View {
         let inverse = self.homography.try_inverse().unwrap();
         let (w, h) = (self.width * fine, self.height * fine);
         let mut samples = vec![0.0f32; w * h];
-        let on_board: Option<Vec<Vector2<f64>>> = self.undistorted.as_ref().map(|all| {
-            let of = |q: &Vector2<f64>| {
-                let v = inverse * Vector3::new(q.x, q.y, 1.0);
-                Vector2::new(v.x, v.y) / v.z
-            };
-            all.iter().map(of).collect()
-        });
+        let on_board: Option<Vec<Vector2<f64>>> =
+            self.undistorted.as_ref().map(|all| all.iter().map(|q| mapped(&inverse, *q)).collect());
         for (i, s) in samples.iter_mut().enumerate() {
             if let Some(level) = on_board.as_ref().and_then(|all| self.covered(all, i, w)) {
                 *s = level as f32;

@@ -61,7 +61,17 @@ impl Glass {
     /// By halving along the ray of a fisheye, by a fixed point else.
     fn straight(&self, bent: Vector2<f64>) -> Vector2<f64> {
         match self {
-            Self::PlumbBob(_) => (0..60).fold(bent, |s, _| s + (bent - self.bent(s))),
+            Self::PlumbBob(_) => {
+                let mut s = bent;
+                for _ in 0..60 {
+                    let next = s + (bent - self.bent(s));
+                    if next == s {
+                        break;
+                    }
+                    s = next;
+                }
+                s
+            }
             Self::Fisheye(_) => {
                 let (r, mut low, mut high) = (bent.norm(), 0.0, 20.0);
                 if r == 0.0 {

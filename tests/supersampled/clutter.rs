@@ -70,8 +70,9 @@ impl Clutter {
         let width = blur_px.max(0.5);
         let mut dark = 0.0f64;
         for (at, radius) in &self.discs {
-            let inside = (radius - (px - at).norm()) / width;
-            if inside > -6.0 {
+            let (from, reach) = (px - at, radius + 6.0 * width);
+            if from.norm_squared() < reach * reach {
+                let inside = (radius - from.norm()) / width;
                 dark = dark.max(step(inside));
             }
         }

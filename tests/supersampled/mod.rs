@@ -202,6 +202,7 @@ impl Scene {
     }
 
     /// Level of a place on the object's plane, and its distance from the nearest edge, m.
+    #[inline]
     fn surface(&self, r: Option<Vector2<f64>>) -> (f64, f64) {
         let Some(r) = r else { return (self.background_level, f64::INFINITY) };
         let [low, high] = &self.plate_m;
@@ -234,36 +235,58 @@ impl Scene {
         (self.plate_level, nearest)
     }
 
-    /// Mean level of the square of side `side` px about `px`, of `rays` by `rays` samples where an edge may cross it.
-    fn mean(&self, view: &Plane, px: &Vector2<f64>, side: f64, rays: usize, reach_m: f64) -> f64 {
-        let (level, distance) = self.surface(view.at(self, px));
-        if distance > reach_m {
-            return level;
+    /// Mean levels of the squares of a grid, `width` by `height` of them, of which `cells` make a pixel's side, about the pixels that `place` tells; of `rays` by `rays`
+    /// samples where an edge may cross a square.
+    fn means(
+        &self,
+        [width, height]: [usize; 2],
+        cells: usize,
+        rays: usize,
+        place: impl Fn(usize, usize) -> Vector2<f64>,
+    ) -> Vec<f32> {
+        let view = Plane::of(self);
+        let side = 1.0 / cells as f64;
+        // with a pixel more on the right and below: what a pixel spans on the plane is seen from its neighbours
+        let wide = width + cells;
+        let seen: Vec<_> =
+            (0..wide * (height + cells)).map(|i| view.at(self, &place(i % wide, i / wide))).collect();
+        let mut levels = Vec::with_capacity(width * height);
+        for y in 0..height {
+            for x in 0..width {
+                let here = seen[y * wide + x];
+                let step = |x: usize, y: usize| {
+                    here.zip(seen[y * wide + x]).map_or(f64::INFINITY, |(r, q)| (q - r).norm())
+                };
+                // more than what a square may span here
+                let reach_m = side * 1.5 * (step(x + cells, y) + step(x, y + cells));
+                let (level, distance) = self.surface(here);
+                if distance > reach_m {
+                    levels.push(level as f32);
+                    continue;
+                }
+                let px = place(x, y);
+                let mut sum = 0.0;
+                for k in 0..rays * rays {
+                    let part = |i: usize| ((i as f64 + 0.5) / rays as f64 - 0.5) * side;
+                    let offset = Vector2::new(part(k % rays), part(k / rays));
+                    sum += self.surface(view.at(self, &(px + offset))).0;
+                }
+                levels.push((sum / (rays * rays) as f64) as f32);
+            }
         }
-        let mut sum = 0.0;
-        for k in 0..rays * rays {
-            let part = |i: usize| ((i as f64 + 0.5) / rays as f64 - 0.5) * side;
-            let offset = Vector2::new(part(k % rays), part(k / rays));
-            sum += self.surface(view.at(self, &(px + offset))).0;
-        }
-        sum / (rays * rays) as f64
+        levels
     }
 
     /// The whole image, on whole pixels.
     fn whole(&self) -> Vec<f32> {
-        let view = Plane::of(self);
-        let mut levels = vec![0.0f32; self.width * self.height];
-        for (i, level) in levels.iter_mut().enumerate() {
-            let px = Vector2::new((i % self.width) as f64, (i / self.width) as f64);
-            *level = self.mean(&view, &px, 1.0, 5, view.metres_per_px(self, &px)) as f32;
-        }
+        let place = |x: usize, y: usize| Vector2::new(x as f64, y as f64);
+        let mut levels = self.means([self.width, self.height], 1, 5, place);
         blur(&mut levels, self.width, self.height, self.blur_px);
         levels
     }
 
     /// The pixels about one disc or polygon, by cells.
     fn patch(&self, rim: impl Iterator<Item = Vector2<f64>>, levels: &mut [f32]) {
-        let view = Plane::of(self);
         let (mut low, mut high) = (Vector2::new(f64::MAX, f64::MAX), Vector2::new(f64::MIN, f64::MIN));
         for place in rim {
             let px = self.project(&place);
@@ -281,15 +304,12 @@ impl Scene {
         // cells reach further than the pixels that are taken from them, by what blur carries
         let (columns, rows) = (x1 - x0 + 2 * free as usize, y1 - y0 + 2 * free as usize);
         let (width, height) = (columns * CELLS, rows * CELLS);
-        let mut cells = vec![0.0f32; width * height];
         let side = 1.0 / CELLS as f64;
-        for (i, cell) in cells.iter_mut().enumerate() {
-            let place = |k: usize, from: usize| {
-                from as f64 - free + (k / CELLS) as f64 + ((k % CELLS) as f64 + 0.5) * side - 0.5
-            };
-            let px = Vector2::new(place(i % width, x0), place(i / width, y0));
-            *cell = self.mean(&view, &px, side, RAYS, side * view.metres_per_px(self, &px)) as f32;
-        }
+        let place = |k: usize, from: usize| {
+            from as f64 - free + (k / CELLS) as f64 + ((k % CELLS) as f64 + 0.5) * side - 0.5
+        };
+        let mut cells =
+            self.means([width, height], CELLS, RAYS, |x, y| Vector2::new(place(x, x0), place(y, y0)));
         blur(&mut cells, width, height, self.blur_px * CELLS as f64);
         for y in y0..y1 {
             for x in x0..x1 {
@@ -315,26 +335,24 @@ impl Plane {
     }
 
     /// The place on the plane that a pixel sees.
+    #[inline]
     fn at(&self, scene: &Scene, px: &Vector2<f64>) -> Option<Vector2<f64>> {
         let bent = (px - scene.centre_px) / scene.f_px;
         let mut s = bent;
         if scene.k1 != 0.0 {
             for _ in 0..20 {
+                let before = s;
                 s = bent / (1.0 + scene.k1 * s.norm_squared());
+                if s == before {
+                    break;
+                }
             }
         }
-        let ray = self.R_OC * Vector3::new(s.x, s.y, 1.0);
+        let R = &self.R_OC;
+        let along = |i: usize| R[(i, 0)] * s.x + R[(i, 1)] * s.y + R[(i, 2)];
+        let ray = Vector3::new(along(0), along(1), along(2));
         let depth = -self.origin.z / ray.z;
         (depth > 0.0).then(|| (self.origin + ray * depth).xy())
-    }
-
-    /// More than what a pixel may span on the plane at this place.
-    fn metres_per_px(&self, scene: &Scene, px: &Vector2<f64>) -> f64 {
-        let Some(r) = self.at(scene, px) else { return f64::INFINITY };
-        let step = |dx: f64, dy: f64| {
-            self.at(scene, &(px + Vector2::new(dx, dy))).map_or(f64::INFINITY, |q| (q - r).norm())
-        };
-        1.5 * (step(1.0, 0.0) + step(0.0, 1.0))
     }
 }
 

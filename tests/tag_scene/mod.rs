@@ -43,6 +43,7 @@ impl Dice {
 pub(crate) struct Map(pub(crate) [f64; 9]);
 
 impl Map {
+    #[inline]
     pub(crate) fn at(&self, x: f64, y: f64) -> (f64, f64) {
         let m = &self.0;
         let w = m[6] * x + m[7] * y + m[8];
@@ -204,14 +205,10 @@ impl Canvas {
         for y in y0..y1 {
             for x in x0..x1 {
                 let (u, v) = (x as f64, y as f64);
-                // cells are larger than a pixel: where nine places agree all do
+                // cells are larger than a pixel: where 25 places agree all do
                 let first = colour(u, v);
-                let mut same = true;
-                for dy in [-reach, -0.5 * reach, 0.0, 0.5 * reach, reach] {
-                    for dx in [-reach, -0.5 * reach, 0.0, 0.5 * reach, reach] {
-                        same &= colour(u + dx, v + dy) == first;
-                    }
-                }
+                let parts = [-1.0, 1.0, -0.5, 0.0, 0.5].map(|part| part * reach);
+                let same = parts.iter().all(|dy| parts.iter().all(|dx| colour(u + dx, v + dy) == first));
                 let at = y * self.width + x;
                 let ground = self.levels[at];
                 let level = |c: u8| [ground, look.dark, look.light][usize::from(c)];
@@ -314,6 +311,7 @@ fn quantiles(blur: f64, n: usize) -> Vec<f64> {
         .collect()
 }
 
+#[inline]
 fn offset(quantiles: &[f64], share: f64) -> f64 {
     let at = share * (quantiles.len() - 1) as f64;
     let i = (at as usize).min(quantiles.len() - 2);
@@ -321,6 +319,7 @@ fn offset(quantiles: &[f64], share: f64) -> f64 {
 }
 
 /// Distribution function of the normal distribution (Abramowitz, Stegun 7.1.26: 1e-7).
+#[inline]
 fn cdf(x: f64) -> f64 {
     let z = x.abs() / std::f64::consts::SQRT_2;
     let t = 1.0 / (1.0 + 0.327_591_1 * z);

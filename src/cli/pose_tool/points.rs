@@ -33,15 +33,20 @@ pub(in crate::cli) fn normalized(
     }
 }
 
-/// A pixel of `camera`.
+/// A pixel of `camera`, which the user calls `name`.
 ///
 /// # Errors
 /// Where it lies outside of the image.
-fn within_image(px: Vector2<f64>, camera: &CameraModel, line: usize) -> Result<Vector2<f64>, String> {
+pub(in crate::cli) fn within_image(
+    px: Vector2<f64>,
+    camera: &CameraModel,
+    name: &str,
+    line: usize,
+) -> Result<Vector2<f64>, String> {
     let i = camera.intrinsics();
     camera.contains(&px, 0.0).then_some(px).ok_or_else(|| {
         format!(
-            "line {line}: ({}, {}) px lies outside of the image of {} x {} px that --camera has: are they of the same camera, in the same resolution?",
+            "line {line}: ({}, {}) px lies outside of the image of {} x {} px that {name} has: are they of the same camera, in the same resolution?",
             px.x, px.y, i.width_px, i.height_px
         )
     })
@@ -102,7 +107,7 @@ impl Points {
             }
             points.stated &= deviation.is_some();
             let px = if unit == 1.0 {
-                within_image(seen, &points.camera, row + 2)?
+                within_image(seen, &points.camera, "--camera", row + 2)?
             } else {
                 points.camera.pixel_of(&normalized(seen, [u, v], row + 2)?)
             };

@@ -109,7 +109,7 @@ fn run(a: &StereoMotionArguments) -> Result<MotionAnswer, Refused> {
         let F = fundamental_8_point(&file.pairs).map_err(failed)?;
         return Ok(fundamental_alone(&F, &file.pairs));
     }
-    let pairs = file.normalized(cameras).map_err(|e| (e, 2))?;
+    let pairs = file.normalized(cameras).map_err(|e| (e, 3))?;
     let sd = a.sd.map(|sd| match cameras.filter(|_| file.in_px) {
         Some(cameras) => normalized_sd(cameras, &pairs, sd),
         None => sd,
@@ -122,7 +122,7 @@ fn run(a: &StereoMotionArguments) -> Result<MotionAnswer, Refused> {
                 None => solutions,
                 Some(path) => {
                     let third =
-                        PairFile::read(path).map_err(|e| (e, 3))?.normalized(cameras).map_err(|e| (e, 2))?;
+                        PairFile::read(path).and_then(|f| f.normalized(cameras)).map_err(|e| (e, 3))?;
                     let second = plane_motion(&third).map_err(failed)?;
                     let (first, _) = plane_motion_consistent(&solutions, &second.solutions);
                     HomographySolutions { first, second: None }
