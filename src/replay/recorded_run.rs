@@ -2,10 +2,10 @@
 //! each other in a file, so that a run of hours needs no more memory than one of seconds.
 
 use super::ReplayError;
-use crate::config::assemble::within_effort_rates;
+use crate::config::assemble::before_drive;
 use crate::config::{Config, DriveKind};
 use crate::control::trace::FrameStamps;
-use crate::drive::{CommandMode, DriveProperties};
+use crate::drive::DriveProperties;
 use crate::messages::{DriveTextMsg, Measurement, RequestMsg, TraceMsg, text_kind, trace_flag};
 use crate::record::{RUN_FILE, RecordingReader};
 use crate::robot::Robot;
@@ -132,11 +132,8 @@ impl<R: Read> RecordedRun<R> {
     /// The configuration with which control was made of `config` before the drive of the recording.
     #[must_use]
     pub fn config_before_drive<const N: usize>(&self, config: &Config, robot: &Robot<N>) -> Config {
-        let has_rates = config.drive.kind == DriveKind::External && config.drive.mode == CommandMode::Torque;
         match &self.drive {
-            Some(told) if has_rates && told.effort_rate.len() == N => {
-                within_effort_rates(config, robot, &told.effort_rate).0
-            }
+            Some(told) if config.drive.kind == DriveKind::External => before_drive(config, robot, told).0,
             _ => config.clone(),
         }
     }

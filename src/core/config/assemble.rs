@@ -32,7 +32,7 @@ mod vision;
 
 pub use cameras::{require_controllable, require_one_view};
 use cameras::{second_goal, second_servo, truth};
-pub use effort_rates::within_effort_rates;
+pub use effort_rates::before_drive;
 pub use stereo::{stereo_set_point, stereo_vision, taught_points, taught_view};
 use vision::measurement_faults;
 pub use vision::{carrier, target_set, vision};
@@ -328,6 +328,7 @@ pub fn control_loop_with<const N: usize>(
     let is_recorded = config.drive.kind == DriveKind::Replay;
     let settings = ControllerSettings {
         effort_rate: effort_rates::effort_rate(config, &robot),
+        drive_period: config.drive.period,
         start_tolerance: config.start.tolerance,
         // A recorded arm was where it was.
         may_start_elsewhere: config.start.elsewhere || is_recorded,

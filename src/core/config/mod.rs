@@ -198,6 +198,8 @@ pub struct DriveSettings {
     pub kind: DriveKind,
     /// Its command mode.
     pub mode: CommandMode,
+    /// Time from one of its states to the next; `None` where it does not tell, and before it is connected.
+    pub period: Option<SpanNs>,
     /// What commanded torques contain.
     pub torque_contains: TorqueContents,
     /// Imperfections of the simulated arm.

@@ -22,14 +22,25 @@ pub struct DriveTiming {
     /// Old states in a row, that of this tick included, and before its state.
     old_in_row: u32,
     before: u32,
-    /// The fewest between two new ones; none before the second.
+    /// Those that the drive always has between two new ones: as it tells, or else the fewest that were seen; none before the second.
     usual: Option<u32>,
+    is_told: bool,
     has_state: bool,
 }
 
 impl DriveTiming {
     /// Longest time without a tick after which control begins with a state as old as behind a gap, and with an arm that did not obey meanwhile. Derived: as many ticks.
     pub const HELD_UP: SpanNs = SpanNs(TICK.0 * LATE_IN_ROW as i64);
+
+    /// Of a drive that tells the time from one of its states to the next, or does not. What a network holds up and then brings at once makes such a drive no quicker.
+    #[must_use]
+    pub fn of_period(told: Option<SpanNs>) -> Self {
+        // To the nearest tick: a drive tells a rounded number.
+        let ticks = told.map(|period| (period.0.max(0) + TICK.0 / 2) / TICK.0);
+        let usual =
+            ticks.map(|ticks| u32::try_from(ticks).unwrap_or(u32::MAX).saturating_sub(1).min(SLOWEST));
+        Self { usual, is_told: usual.is_some(), ..Self::default() }
+    }
 
     /// A tick, with a state that came before or a new one.
     pub fn note(&mut self, is_old: bool) {
@@ -38,7 +49,7 @@ impl DriveTiming {
             self.old_in_row = self.old_in_row.saturating_add(1);
             return;
         }
-        if self.has_state {
+        if self.has_state && !self.is_told {
             self.usual = Some(self.usual.map_or(self.before, |usual| usual.min(self.before)));
         }
         (self.old_in_row, self.has_state) = (0, true);
@@ -98,6 +109,23 @@ mod tests {
             assert!(!late(period + 2).is_gap() && late(period + 3).is_gap(), "{period}");
             assert!(!late(8).tells_nothing() && late(9).tells_nothing(), "{period}");
         }
+    }
+
+    #[test]
+    fn a_told_period_stays_whatever_a_network_does() {
+        let ms = |ms: f64| Some(SpanNs::from_s(1e-3 * ms));
+        // Of 125 Hz: one state is late, the next one comes right behind it.
+        let late = "nooooooonooooooooooooonn";
+        let after_told = |period| {
+            let mut timing = DriveTiming::of_period(period);
+            late.chars().chain("ooooooo".chars()).for_each(|state| timing.note(state == 'o'));
+            (timing.usual_ticks(), timing.is_gap())
+        };
+        assert_eq!(after_told(ms(8.0)), (8, false));
+        assert_eq!(after_told(None), (1, true), "who tells nothing is taken for as quick as it seemed once");
+        let usual = |period| DriveTiming::of_period(period).usual_ticks();
+        assert_eq!((usual(ms(1.0)), usual(ms(0.9)), usual(ms(2.04)), usual(ms(0.2))), (1, 1, 2, 1));
+        assert_eq!(usual(ms(50.0)), 8, "control works with none that is slower");
     }
 
     #[test]

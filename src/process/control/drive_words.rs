@@ -81,10 +81,9 @@ impl DriveWords {
         Ok(())
     }
 
-    /// How quickly the drive takes torques, of each joint, where it tells that and torques are commanded.
-    pub(super) fn effort_rates(&self) -> Option<&[f64]> {
-        let rates = self.properties.effort_rate.as_slice();
-        (self.is_torque && !rates.is_empty()).then_some(rates)
+    /// What the drive has told of itself.
+    pub(super) fn properties(&self) -> &DriveProperties {
+        &self.properties
     }
 
     fn log(&mut self) {

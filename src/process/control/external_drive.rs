@@ -14,7 +14,7 @@ use super::drive_words::DriveWords;
 use super::stops::Stops;
 use crate::config::Config;
 use crate::config::{Clock, DriveKind, Task};
-use crate::drive::{CommandMode, DriveFault, ExternalDrive};
+use crate::drive::{CommandMode, DriveFault, DriveProperties, ExternalDrive};
 use crate::ipc::{DrivePresence, Receiver, Sender, Spin, WakeListener};
 use crate::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, RobotState, drive_flag};
 use crate::process::{LONGEST_SPIN, LONGEST_WAIT, Membership, ProcessError};
@@ -197,9 +197,9 @@ impl DrivePorts<'_> {
         Ok(())
     }
 
-    /// How quickly the drive takes torques, once it is connected.
-    pub(super) fn effort_rates(&self) -> Option<&[f64]> {
-        self.words.effort_rates()
+    /// What the drive has told of itself, once it is connected.
+    pub(super) fn properties(&self) -> &DriveProperties {
+        self.words.properties()
     }
 
     /// Lockstep: sends what the drive core wants sent, all of it: one command that does not get through keeps none back.

@@ -29,13 +29,11 @@ use super::{Membership, ProcessError, ReportFolder, StopFlag, second_vision};
 use crate::calibration::load::LoadRecording;
 use crate::calibration::{KnownCell, Recording, stamp_offset};
 use crate::config::Config;
-use crate::config::assemble::{
-    control_loop, control_loop_with, q_start, require_controllable, within_effort_rates,
-};
+use crate::config::assemble::{before_drive, control_loop, control_loop_with, q_start, require_controllable};
 use crate::config::{Clock, Task};
 use crate::control::outcome::{Finish, Outcome};
 use crate::control::trace::Trace;
-use crate::drive::{ExternalDrive, StandstillDrive};
+use crate::drive::{DriveProperties, ExternalDrive, StandstillDrive};
 use crate::ipc::{Instance, QuietSender, Receiver, Role, Sender, WakeListener};
 use crate::messages::{CameraId, JointState, Measurement, RequestMsg, Status, TraceMsg};
 use crate::mission::LockstepRun;
@@ -221,9 +219,9 @@ fn run_robot<const N: usize>(
     let mut control = match assembly {
         Assembly::Done(control) => *control,
         Assembly::AwaitsDrive(external, robot) => {
-            let rates = drive.as_ref().and_then(DrivePorts::effort_rates);
-            let slower = rates.map(|rates| within_rates(config, &robot, rates));
-            control_loop_with(slower.as_ref().unwrap_or(config), *robot, external)?
+            let told = drive.as_ref().map(DrivePorts::properties);
+            let config_of_drive = told.map(|told| before_told_drive(config, &robot, told));
+            control_loop_with(config_of_drive.as_ref().unwrap_or(config), *robot, external)?
         }
     };
     if let Some(stability) = &stability {
@@ -262,18 +260,20 @@ fn run_robot<const N: usize>(
     Ok(summary)
 }
 
-/// The configuration with which torques rise no more quickly than the drive takes them.
-fn within_rates<const N: usize>(config: &Config, robot: &Robot<N>, rates: &[f64]) -> Config {
-    let (slower, share) = within_effort_rates(config, robot, rates);
-    let rates = rates.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
-    info!("torques rise by no more than the drive takes: {rates} N m/s or N/s");
+/// The configuration before a drive that told this of itself; where torques rise more slowly by it, that is logged.
+fn before_told_drive<const N: usize>(config: &Config, robot: &Robot<N>, told: &DriveProperties) -> Config {
+    let (of_drive, share) = before_drive(config, robot, told);
+    let rates = of_drive.motion.effort_rates.iter().map(ToString::to_string).collect::<Vec<_>>();
+    if !rates.is_empty() {
+        info!("torques rise by no more than the drive takes: {} N m/s or N/s", rates.join(", "));
+    }
     if share < 1.0 {
         warn!(
             "the drive takes torques slowly: the reference moves with {:.0} % of motion.max_jerk_rad_s3_or_m_s3",
             100.0 * share
         );
     }
-    slower
+    of_drive
 }
 
 /// Works out what a calibration run was for. Without a result the run counts as one that did not reach its goal.

@@ -8,6 +8,7 @@
 //! again and again swings.
 
 use crate::config::Config;
+use crate::drive::{CommandMode, DriveProperties};
 use crate::robot::Robot;
 use nalgebra::SVector;
 
@@ -15,13 +16,24 @@ use nalgebra::SVector;
 /// postures in which the arm is more inert.
 const SHARE: f64 = 0.5;
 
-/// The configuration of a run whose drive takes torques at these rates, N m/s or N/s of each joint, and the share of the jerk limits that is left in it.
+/// The configuration of a run before a drive that told this of itself, and the share of the jerk limits that is left in it.
 #[must_use]
-pub fn within_effort_rates<const N: usize>(
+pub fn before_drive<const N: usize>(
     config: &Config,
     robot: &Robot<N>,
-    rates: &[f64],
+    told: &DriveProperties,
 ) -> (Config, f64) {
+    let takes_torques = config.drive.mode == CommandMode::Torque && told.effort_rate.len() == N;
+    let (mut config, share) = match takes_torques {
+        true => within_effort_rates(config, robot, &told.effort_rate),
+        false => (config.clone(), 1.0),
+    };
+    config.drive.period = told.period;
+    (config, share)
+}
+
+/// The configuration of a run whose drive takes torques at these rates, N m/s or N/s of each joint, and the share of the jerk limits that is left in it.
+fn within_effort_rates<const N: usize>(config: &Config, robot: &Robot<N>, rates: &[f64]) -> (Config, f64) {
     let mut slower = config.clone();
     slower.motion.effort_rates = rates.to_vec();
     let (jerk, q) = (&config.motion.max_jerk, &config.start.q);

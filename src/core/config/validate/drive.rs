@@ -95,6 +95,7 @@ pub(super) fn drive(
     DriveSettings {
         kind: d.kind,
         mode,
+        period: None,
         torque_contains: torque_contains(raw, mode, check),
         simulated,
         external,

@@ -162,7 +162,7 @@ impl<const N: usize> Controller<N> {
             fault: None,
             failure: None,
             is_state_old: false,
-            timing: DriveTiming::default(),
+            timing: DriveTiming::of_period(settings.drive_period),
             watch: ArmWatch::default(),
             encoder_watch: EncoderWatch::default(),
             rest_watch: RestWatch::default(),

@@ -8,6 +8,7 @@ use crate::control::trace::Events;
 use crate::drive::{CommandMode, DriveCommand};
 use crate::motion::{ActingLimits, JointController, SpaceLimit, WorkspaceSettings};
 use crate::servo::MeasurementVerdict;
+use crate::time::SpanNs;
 use nalgebra::SVector;
 
 /// Time in which the effort of a joint may rise from zero to its largest, s. Chosen by hand: that of the default run file (`motion.effort_rise_ms`).
@@ -24,6 +25,8 @@ pub struct ControllerSettings<const N: usize> {
     pub mode: CommandMode,
     /// Largest change of each joint's effort in a second, N m/s or N/s.
     pub effort_rate: SVector<f64, N>,
+    /// Time from one state of the drive to the next, where it tells that.
+    pub drive_period: Option<SpanNs>,
     /// Start posture of the run file, rad or m.
     pub q_start: SVector<f64, N>,
     /// Largest distance of a joint from there at the start, rad or m.
@@ -58,6 +61,7 @@ impl<const N: usize> ControllerSettings<N> {
             arm,
             joint_control,
             mode,
+            drive_period: None,
             q_start,
             start_tolerance: 0.02,
             may_start_elsewhere: false,
