@@ -30,7 +30,7 @@ pub struct Heartbeat {
 impl Heartbeat {
     pub(super) fn new(file: OwnedFd) -> Self {
         let heartbeat = Self { file, last: Cell::new(MonoNs::ZERO) };
-        // Before the first beat: what a dead process of the role said is not said by this one.
+        // Before the first beat: who lives has come nowhere yet, and will come further.
         heartbeat.tell_progress(0);
         heartbeat.beat();
         heartbeat

@@ -22,9 +22,10 @@ pub struct DriveTiming {
     /// Old states in a row, that of this tick included, and before its state.
     old_in_row: u32,
     before: u32,
-    /// Those that the drive always has between two new ones: as it tells, or else the fewest that were seen; none before the second.
+    /// The fewest between two new ones, and no fewer than `least`; none before the second.
     usual: Option<u32>,
-    is_told: bool,
+    /// Those that the drive has between two new ones as it tells, 0 where it tells nothing.
+    least: u32,
     has_state: bool,
 }
 
@@ -36,10 +37,9 @@ impl DriveTiming {
     #[must_use]
     pub fn of_period(told: Option<SpanNs>) -> Self {
         // To the nearest tick: a drive tells a rounded number.
-        let ticks = told.map(|period| (period.0.max(0) + TICK.0 / 2) / TICK.0);
-        let usual =
-            ticks.map(|ticks| u32::try_from(ticks).unwrap_or(u32::MAX).saturating_sub(1).min(SLOWEST));
-        Self { usual, is_told: usual.is_some(), ..Self::default() }
+        let ticks = told.map_or(1, |period| (period.0.max(0) + TICK.0 / 2) / TICK.0);
+        let least = u32::try_from(ticks).unwrap_or(u32::MAX).saturating_sub(1).min(SLOWEST);
+        Self { least, ..Self::default() }
     }
 
     /// A tick, with a state that came before or a new one.
@@ -49,8 +49,9 @@ impl DriveTiming {
             self.old_in_row = self.old_in_row.saturating_add(1);
             return;
         }
-        if self.has_state && !self.is_told {
-            self.usual = Some(self.usual.map_or(self.before, |usual| usual.min(self.before)));
+        if self.has_state {
+            let fewest = self.usual.map_or(self.before, |usual| usual.min(self.before));
+            self.usual = Some(fewest.max(self.least));
         }
         (self.old_in_row, self.has_state) = (0, true);
     }
@@ -123,9 +124,15 @@ mod tests {
         };
         assert_eq!(after_told(ms(8.0)), (8, false));
         assert_eq!(after_told(None), (1, true), "who tells nothing is taken for as quick as it seemed once");
-        let usual = |period| DriveTiming::of_period(period).usual_ticks();
-        assert_eq!((usual(ms(1.0)), usual(ms(0.9)), usual(ms(2.04)), usual(ms(0.2))), (1, 1, 2, 1));
-        assert_eq!(usual(ms(50.0)), 8, "control works with none that is slower");
+        let usual = |period, states: &str| {
+            let mut timing = DriveTiming::of_period(period);
+            states.chars().for_each(|state| timing.note(state == 'o'));
+            timing.usual_ticks()
+        };
+        let at_once = |period| usual(ms(period), "nn");
+        assert_eq!((at_once(1.0), at_once(0.9), at_once(2.04), at_once(0.2)), (1, 1, 2, 1));
+        assert_eq!(at_once(50.0), 8, "control works with none that is slower");
+        assert_eq!(usual(ms(1.0), "nooooooonooooooon"), 8, "who is slower than it tells is as slow as it is");
     }
 
     #[test]
