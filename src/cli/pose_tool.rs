@@ -37,7 +37,7 @@ struct SolutionOut {
     rotation_xyzw: [f64; 4],
     rms: f64,
     /// How many times less likely than the first.
-    likelihood_ratio: Option<f64>,
+    likelihood_ratio: f64,
     steps: Option<u32>,
     /// The pose of least squares that lies nearest, weighted with the stated deviations.
     refined: Option<Refined>,
@@ -127,12 +127,17 @@ impl KnownFrames {
     }
 }
 
+/// So many numbers with commas between them; `None` where there are others, or a word that is none.
+pub(super) fn numbers_of<const M: usize>(text: &str) -> Option<[f64; M]> {
+    let words: Option<Vec<f64>> = text.split(',').map(|word| word.trim().parse().ok()).collect();
+    words?.try_into().ok()
+}
+
 /// `x,y,z,qx,qy,qz,qw`: m, and a quaternion.
 pub(super) fn pose_of(text: &str) -> Result<Pose, String> {
-    let numbers: Vec<f64> = text.split(',').filter_map(|word| word.trim().parse().ok()).collect();
     let problem =
         || format!("`{text}` is no pose: seven numbers x,y,z,qx,qy,qz,qw are expected (m, and a quaternion)");
-    let [x, y, z, qx, qy, qz, qw] = <[f64; 7]>::try_from(numbers).map_err(|_| problem())?;
+    let [x, y, z, qx, qy, qz, qw] = numbers_of(text).ok_or_else(problem)?;
     let rotation = unit_quaternion([qx, qy, qz, qw]).ok_or_else(|| {
         let norm = [qx, qy, qz, qw].iter().map(|q| q * q).sum::<f64>().sqrt();
         format!("`{text}` is no pose: the quaternion qx,qy,qz,qw has length {norm:.4}, and that of a rotation has 1; the real part stands last")
@@ -142,30 +147,35 @@ pub(super) fn pose_of(text: &str) -> Result<Pose, String> {
 }
 
 fn answer(method: PoseMethod, points: &Points, solutions: &[Solution], frames: &KnownFrames) -> PoseAnswer {
-    let chi = |s: &Solution| s.refined.as_ref().map(|r| r.chi_square);
-    let least = solutions.iter().filter_map(chi).fold(f64::INFINITY, f64::min);
+    // where nothing could be refined, the method's own pose tells it: at most more than it could be
+    let chi = |s: &Solution| s.refined.as_ref().map_or(s.chi_square, |r| r.chi_square);
+    let least = solutions.iter().map(chi).fold(f64::INFINITY, f64::min);
     // where no deviation is stated, the misfit of the best tells it: chi-square per degree of freedom is 1
     let freedom = (2 * points.pixels.len()).saturating_sub(6) as f64;
     // an exact fit has no misfit, and must not divide by it
     let growth = if points.stated { 1.0 } else { (least / freedom.max(1.0)).max(1e-18) };
     // `exp(710)` is beyond the largest number, and would be infinite
-    let ratio = |s: &Solution| chi(s).map(|chi| (0.5 * (chi - least) / growth).min(700.0).exp());
+    let ratio = |s: &Solution| (0.5 * (chi(s) - least) / growth).min(700.0).exp();
     let out = |s: &Solution| solution_out(s, points, frames, ratio(s));
     let mut told: Vec<_> = solutions.iter().map(out).collect();
-    let key = |s: &SolutionOut| s.likelihood_ratio.unwrap_or(f64::INFINITY);
+    let key = |s: &SolutionOut| s.likelihood_ratio;
     told.sort_by(|a, b| key(a).total_cmp(&key(b)).then(a.rms.total_cmp(&b.rms)));
     let second = told.get(1).map(key);
     let ambiguous = second.is_some_and(|ratio| ratio < SURE_RATIO);
-    let reason = match second {
-        Some(ratio) if ambiguous && freedom == 0.0 => Some(format!(
-            "{} poses explain three points equally well (likelihood ratio {ratio:.1}): see a fourth point, or know the pose of before",
-            told.len()
-        )),
-        Some(ratio) if ambiguous => Some(format!(
-            "the second pose is only {ratio:.1} times less likely: the view is too far or too frontal to tell them apart; use the pose of before"
-        )),
-        _ => misfit(points, least, freedom),
-    };
+    let why = second.filter(|_| ambiguous).map(|ratio| {
+        if points.distinct() < 4 {
+            format!(
+                "{} poses explain three points equally well (likelihood ratio {ratio:.1}): see a fourth point, or know the pose of before",
+                told.len()
+            )
+        } else {
+            format!(
+                "the second pose is only {ratio:.1} times less likely: the view is too far or too frontal to tell them apart; use the pose of before"
+            )
+        }
+    });
+    let reasons: Vec<_> = why.into_iter().chain(misfit(points, least, freedom)).collect();
+    let reason = (!reasons.is_empty()).then(|| reasons.join("; and "));
     PoseAnswer { method: method.word(), points: points.pixels.len(), solutions: told, ambiguous, reason }
 }
 
@@ -177,7 +187,7 @@ fn misfit(points: &Points, chi_square: f64, freedom: f64) -> Option<String> {
     })
 }
 
-fn solution_out(s: &Solution, points: &Points, frames: &KnownFrames, ratio: Option<f64>) -> SolutionOut {
+fn solution_out(s: &Solution, points: &Points, frames: &KnownFrames, ratio: f64) -> SolutionOut {
     let covariance = s.refined.as_ref().filter(|_| points.stated).map(|r| r.covariance);
     // the refined pose is what counts beyond the camera; where there is none, the method's own
     let X_CO = s.refined.as_ref().map_or(s.X_CO, |r| r.X_CO);
@@ -235,8 +245,8 @@ fn told(answer: &PoseAnswer) -> String {
         if let Some(steps) = s.steps {
             text += &format!(", {steps} steps");
         }
-        if let Some(ratio) = s.likelihood_ratio.filter(|ratio| *ratio > 1.0) {
-            text += &format!(", {ratio:.3e} times less likely");
+        if s.likelihood_ratio > 1.0 {
+            text += &format!(", {:.3e} times less likely", s.likelihood_ratio);
         }
         text.push('\n');
         if let Some(r) = &s.refined {
@@ -269,6 +279,14 @@ fn told(answer: &PoseAnswer) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_word_that_is_no_number_is_refused() {
+        assert!(pose_of("0,0,1..5,0.3,0,0,0,1").is_err());
+        assert!(pose_of("0,0,0.3,0,0,0,1,").is_err());
+        assert_eq!(numbers_of::<3>(" 1, 2,3 "), Some([1.0, 2.0, 3.0]));
+        assert_eq!(numbers_of::<3>("1,2"), None);
+    }
 
     #[test]
     fn a_quaternion_of_another_length_is_no_pose() {

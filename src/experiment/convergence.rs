@@ -19,7 +19,7 @@ use crate::pose::{Correspondence, planar_pose};
 use crate::robot::CameraJacobian;
 use crate::servo::{
     Arm, Damping, DepthSource, FeatureGains, Gain, HybridGains, Interaction, InteractionAt, Law, LawOutput,
-    OperationalSpace, OrientationError, Selection, SetPoint, View, VisibilityGuard,
+    OperationalSpace, OrientationError, Selection, SetPoint, TwistWeights, View, VisibilityGuard,
 };
 use crate::sim::{ClosedLoop, frame_every, run};
 use nalgebra::{Matrix6, Rotation3, Unit, Vector2, Vector3, Vector6};
@@ -162,6 +162,7 @@ fn law(variant: &LawVariant) -> Law {
             gain: Gain::Constant(1.0),
             orientation,
             space,
+            weights: TwistWeights::Unit,
         },
         // K_P and K_D of A; L_s at the goal too, which with such gains is quicker than at the current features.
         Scheme::C if variant.depth != DepthSource::Desired => Law::PreconditionedTorque {

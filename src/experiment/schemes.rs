@@ -10,7 +10,7 @@ use crate::pose::{Correspondence, algorithmic_step_4, algorithmic_step_segment};
 use crate::robot::{CameraJacobian, ExpressedIn};
 use crate::servo::{
     Arm, Damping, DepthSource, FeatureKind, Gain, HybridGains, Interaction, Law, LawOutput, OperationalSpace,
-    OrientationError, Selection, SetPoint, View, pose_gains_4,
+    OrientationError, Selection, SetPoint, TwistWeights, View, pose_gains_4,
 };
 use nalgebra::{Vector2, Vector3, Vector4};
 
@@ -73,6 +73,7 @@ impl Scheme {
                 gain: Gain::Constant(1.0),
                 orientation,
                 space,
+                weights: TwistWeights::Unit,
             },
             Self::C => Law::ImageTorque {
                 K_Ps: 300.0.into(),

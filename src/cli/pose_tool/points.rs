@@ -121,6 +121,15 @@ impl Points {
         Ok(points)
     }
 
+    /// How many there are on the object: one that stands in several lines counts once.
+    pub(super) fn distinct(&self) -> usize {
+        let mut places: Vec<[u64; 3]> =
+            self.pixels.iter().map(|p| [p.r.x, p.r.y, p.r.z].map(f64::to_bits)).collect();
+        places.sort_unstable();
+        places.dedup();
+        places.len()
+    }
+
     /// Normalized, without the lens.
     pub(super) fn spatial(&self) -> Vec<Correspondence3> {
         let one = |p: &PixelCorrespondence| Correspondence3 { r: p.r, s: self.camera.normalized_of(&p.px) };

@@ -1,5 +1,6 @@
 //! The methods, each with all of its solutions.
 
+use super::numbers_of;
 use super::points::Points;
 use crate::cli::{PoseArguments, PoseMethod};
 use crate::geometry::{Pose, rotation_z};
@@ -15,6 +16,8 @@ pub(super) struct Solution {
     pub(super) X_CO: Pose,
     /// Its reprojection error, px.
     pub(super) rms_px: f64,
+    /// The squares of its errors over their variances.
+    pub(super) chi_square: f64,
     /// Steps of an iteration.
     pub(super) steps: Option<u32>,
     /// The nearest minimum of the squared errors over their variances.
@@ -50,6 +53,7 @@ pub(super) fn solve(points: &Points, arguments: &PoseArguments) -> Result<Vec<So
         .map(|(X_CO, steps)| Solution {
             X_CO,
             rms_px: rms_px(&X_CO, points),
+            chi_square: chi_square(&X_CO, points),
             steps,
             refined: refine_pixels(&X_CO, &points.pixels, &points.camera, Loss::Squares).ok(),
         })
@@ -81,8 +85,7 @@ fn servoed(points: &Points, arguments: &PoseArguments) -> Result<(Pose, Option<u
 
 /// Six numbers, as `x` of (10.33) has them.
 fn start_of(text: &str) -> Result<[f64; 6], String> {
-    let numbers: Vec<f64> = text.split(',').filter_map(|word| word.trim().parse().ok()).collect();
-    numbers.try_into().map_err(|_| {
+    numbers_of(text).ok_or_else(|| {
         format!(
             "`{text}`: six numbers x,y,z,phi_z,phi_y,phi_x are expected (m, and the angles of Rz Ry Rx, rad)"
         )
@@ -100,6 +103,15 @@ fn in_front(points: &Points) -> [f64; 6] {
     // Bounds of a start only, chosen by hand: otherwise points that coincide would start at infinity.
     let z = (spread_r / spread_s.max(1e-18)).sqrt().clamp(1e-3, 1e6);
     [z * middle_s.x - middle_r.x, z * middle_s.y - middle_r.y, z - middle_r.z, 0.0, 0.0, 0.0]
+}
+
+/// The squared distances between where points are seen and where the pose has them, over their variances; infinite where one is not seen at all.
+fn chi_square(X_CO: &Pose, points: &Points) -> f64 {
+    let terms = points.pixels.iter().map(|p| match points.camera.project(&(X_CO * p.r)) {
+        Some(px) => (px - p.px).component_div(&p.covariance_px2.diagonal().map(f64::sqrt)).norm_squared(),
+        None => f64::INFINITY,
+    });
+    terms.sum()
 }
 
 /// Root mean square distance between where points are seen and where the pose has them, px; NaN where one is not seen at all.

@@ -4,6 +4,7 @@ use super::pairs::{PairFile, intrinsic_matrix, normalized_noise};
 use super::{finite, rows};
 use crate::camera_model::CameraModel;
 use crate::cli::detect::{calibration, refused};
+use crate::cli::pose_tool::numbers_of;
 use crate::cli::{MotionMethod, StereoMotionArguments, json, shown};
 use crate::geometry::Pose;
 use crate::pose::{ConsensusSettings, HomographySolution, HomographySolutions, decompose_homography};
@@ -152,16 +153,14 @@ fn cameras(a: &StereoMotionArguments) -> Result<Option<(CameraModel, CameraModel
 }
 
 fn matrix_of(text: &str) -> Result<Matrix3<f64>, String> {
-    let numbers: Vec<f64> = text.split(',').filter_map(|word| word.trim().parse().ok()).collect();
     let numbers: [f64; 9] =
-        numbers.try_into().map_err(|_| format!("`{text}`: nine numbers by rows are expected"))?;
+        numbers_of(text).ok_or_else(|| format!("`{text}`: nine numbers by rows are expected"))?;
     Ok(Matrix3::from_row_slice(&numbers))
 }
 
 fn vector_of(text: &str) -> Result<Vector3<f64>, String> {
-    let numbers: Vec<f64> = text.split(',').filter_map(|word| word.trim().parse().ok()).collect();
     let numbers: [f64; 3] =
-        numbers.try_into().map_err(|_| format!("`{text}`: three numbers are expected"))?;
+        numbers_of(text).ok_or_else(|| format!("`{text}`: three numbers are expected"))?;
     Ok(Vector3::from(numbers))
 }
 

@@ -6,7 +6,7 @@ use crate::messages::MAX_JOINTS;
 pub(super) use crate::mission::requests::GAIN_1_S;
 use crate::servo::{
     Damping, DepthSource, FeatureGains, FeatureMatrix, Gain, GainMatrix, HybridGains, Interaction, Law,
-    NoGainMatrix, OperationalSpace, OrientationError, PoseGains, eigenvalue_range,
+    NoGainMatrix, OperationalSpace, OrientationError, PoseGains, TwistWeights, eigenvalue_range,
 };
 use nalgebra::{DMatrix, Matrix6, SMatrix, SVector, Vector6};
 use std::ops::RangeInclusive;
@@ -85,12 +85,14 @@ pub(super) fn law(s: &RawServo, numbers: Option<usize>, check: &mut Validation<'
         }
         SchemeKind::PositionResolvedVelocity => {
             unused(&[STIFFNESS_KEY, DAMPING_KEY], s, check);
-            Law::PositionVelocity { K: velocity_gains(s, check).gains(), gain, orientation, space }
+            let (K, weights) = (velocity_gains(s, check).gains(), TwistWeights::Unit);
+            Law::PositionVelocity { K, gain, orientation, space, weights }
         }
         // Its views are judged as those of scheme B, which goes by the pose too; the arm follows no law.
         SchemeKind::LookAndMove => {
             unused(&[VELOCITY_KEY, STIFFNESS_KEY, DAMPING_KEY], s, check);
-            Law::PositionVelocity { K: PoseGains::repeat(1.0), gain, orientation, space }
+            let (K, weights) = (PoseGains::repeat(1.0), TwistWeights::Unit);
+            Law::PositionVelocity { K, gain, orientation, space, weights }
         }
         SchemeKind::ImagePd if s.pd.feature_gain == FeatureGain::Preconditioned => {
             unused(&[VELOCITY_KEY, DAMPING_KEY], s, check);

@@ -218,14 +218,10 @@ pub(super) fn doubtful_held_gain(
     }
 }
 
-/// Warns of a pose in six numbers that an arm of fewer joints is to reach: what is wrong with its measured tilt, which the arm cannot follow, the law takes for
-/// a displacement of the camera, by the distance of the target times it.
+/// Warns of torques by a pose in six numbers before an arm of fewer joints: what is wrong with its measured tilt, which the arm cannot follow, the law takes for
+/// a displacement of the camera, by the distance of the target times it. Resolved velocities go by the image instead (`TwistWeights::Image`).
 pub(super) fn doubtful_dimension(law: &Law, set_point: &SetPoint, joints: usize, check: &mut Validation<'_>) {
-    let six = matches!(
-        law,
-        Law::PositionTorque { space: OperationalSpace::Six, .. }
-            | Law::PositionVelocity { space: OperationalSpace::Six, .. }
-    );
+    let six = matches!(law, Law::PositionTorque { space: OperationalSpace::Six, .. });
     let level = set_point.X_DO().is_some_and(|X_DO| !tilted(X_DO));
     if six && level && (4..6).contains(&joints) {
         let message = format!(

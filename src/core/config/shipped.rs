@@ -29,6 +29,7 @@ shipped! {
     "fr3-emulated";
     "hand-held" needs "real-camera.yaml";
     "pan_tilt";
+    "pan_tilt-stereo";
     "panda";
     "panda-mujoco" needs "examples/mujoco/mujoco_drive.py", "config/robot/panda.urdf";
     "real-cell" needs "real-camera.yaml";

@@ -252,6 +252,10 @@ pub(super) fn validate(
         watches_drift: motion.encoder_step.iter().any(|step| *step > 0.0),
         ..servo
     };
+    let before_camera = camera.as_ref()?.mount.moving_joints(robot.as_ref()?.joint_count());
+    if before_camera < 6 {
+        servo.law.weigh_by_image();
+    }
     if let Some(guard) = &mut servo.visibility {
         let marks = further_targets.iter().flatten().flat_map(|further| further.target.discs());
         guard.mark_radius_m = marks.map(|disc| disc.radius_m).fold(guard.mark_radius_m, f64::max);

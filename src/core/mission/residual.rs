@@ -8,7 +8,7 @@
 
 use crate::messages::Measurement;
 use crate::motion::{ActingLimits, Limit};
-use crate::servo::{Law, OperationalSpace, SetPoint, View, determined_directions, felt_share};
+use crate::servo::{Law, OperationalSpace, SetPoint, TwistWeights, View, determined_directions, felt_share};
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::Vector2;
 
@@ -94,7 +94,8 @@ pub(super) fn why_it_stays(
         Some(felt <= FELT_SHARE && m.reprojection_rms_px <= MISFIT_SHARE * error_px)
     };
     let compares_tilt = match law {
-        Law::PositionTorque { space, .. } | Law::PositionVelocity { space, .. } => {
+        Law::PositionTorque { space, .. }
+        | Law::PositionVelocity { space, weights: TwistWeights::Unit, .. } => {
             matches!(space, OperationalSpace::Six | OperationalSpace::Homography)
         }
         _ => false,

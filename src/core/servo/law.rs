@@ -6,13 +6,13 @@
 
 use super::{
     DepthSource, FeatureGains, FeatureMatrix, Gain, GainMatrix, HybridGains, Interaction, OperationalSpace,
-    OperationalSpaceError, OrientationError, PoseGains, SetPoint, TwistTask, View, WrenchTask, hybrid_task,
-    image_task, image_task_by, image_wrench, image_wrench_by, joint_torque, joint_velocity, operational_pose,
-    preconditioned_wrench,
+    OperationalSpaceError, OrientationError, PoseGains, SetPoint, TwistTask, TwistWeights, View, WrenchTask,
+    hybrid_task, image_task, image_task_by, image_weights, image_wrench, image_wrench_by, joint_torque,
+    joint_velocity, operational_pose, preconditioned_wrench,
 };
 use crate::messages::MAX_JOINTS;
 use crate::robot::CameraJacobian;
-use nalgebra::SVector;
+use nalgebra::{Matrix6, SVector};
 
 /// State of the arm at the time for which a law output is computed.
 #[derive(Debug, Clone, Copy)]
@@ -67,6 +67,8 @@ pub enum Law {
         orientation: OrientationError,
         /// Dimension m of the operational space.
         space: OperationalSpace,
+        /// What counts where the arm cannot follow the twist.
+        weights: TwistWeights,
     },
     /// Scheme C, image-based PD with gravity compensation, (10.84).
     ImageTorque {
@@ -193,6 +195,15 @@ impl Law {
         true
     }
 
+    /// Lets scheme B with m = 6 go by the image where the arm cannot follow its twist: for arms with fewer than six joints before the camera.
+    pub fn weigh_by_image(&mut self) {
+        match self {
+            Self::PositionVelocity { space: OperationalSpace::Four, .. } => {}
+            Self::PositionVelocity { weights, .. } => *weights = TwistWeights::Image,
+            _ => {}
+        }
+    }
+
     /// The diagonal of K_D for damping on qd, N m s/rad or N s/m; zero for damping in the task space and for velocity laws.
     #[must_use]
     pub fn joint_damping<const N: usize>(&self) -> SVector<f64, N> {
@@ -228,9 +239,15 @@ impl Law {
                 let wrench = pose_error(*space, *orientation)?.wrench(K_P, &K_D);
                 wrench.map(Task::Wrench).ok_or(NoTask::Singular)
             }
-            Self::PositionVelocity { K, orientation, space, .. } => {
-                let twist = pose_error(*space, *orientation)?.twist_task(K);
-                twist.map(Task::Twist).ok_or(NoTask::Singular)
+            Self::PositionVelocity { K, orientation, space, weights, .. } => {
+                let error = pose_error(*space, *orientation)?;
+                let matrix = match weights {
+                    TwistWeights::Unit => Some(Matrix6::identity()),
+                    TwistWeights::Image => operational_pose(set_point, view, *space)
+                        .and_then(|X_CO| image_weights(set_point.points(), &X_CO)),
+                };
+                let task = matrix.and_then(|matrix| error.twist_task(K, matrix));
+                task.map(Task::Twist).ok_or(NoTask::Singular)
             }
             Self::ImageTorque { K_Ps, damping, interaction } => {
                 let K_Ds = match damping {

@@ -109,7 +109,10 @@ pub use motion_agreement::MountError;
 pub use null_space::{away_from_limits, seek_null_motion};
 pub use object_motion::{ObjectDynamics, ObjectMotion};
 pub use orientation::{OrientationError, euler_zyx};
-pub use position::{OperationalSpace, OperationalSpaceError, PoseGains, operational_pose, pose_gains_4};
+pub use position::{
+    OperationalSpace, OperationalSpaceError, PoseGains, TwistWeights, image_weights, operational_pose,
+    pose_gains_4,
+};
 pub use posture::{PostureSearch, nearest_limit};
 pub use resolve::{TwistTask, WrenchTask, joint_torque, joint_velocity};
 pub use selection::{FeatureKind, OutlineFeature, Selection};

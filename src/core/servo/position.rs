@@ -9,8 +9,9 @@
 use super::{
     Displacement, GainMatrix, OrientationError, SetPoint, TwistTask, View, WrenchTask, fit_similarity,
 };
+use crate::features::NormalEquations;
 use crate::geometry::{Pose, rotation_z};
-use nalgebra::{Matrix6, Rotation3, Translation3, UnitQuaternion, Vector3, Vector6};
+use nalgebra::{Matrix6, Point3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3, Vector6};
 
 /// Gains of x, y, z and of the three numbers of the orientation error, 6 x 6.
 pub type PoseGains = GainMatrix<6>;
@@ -33,6 +34,18 @@ pub enum OperationalSpace {
     /// m = 6, up to scale, by the closing remark of Sect. 10.8: the displacement from the desired camera, by the homography between the desired image and this one. Lengths
     /// are those of the desired pose, whatever the object's size: the position error is too large or too small by the ratio of both, and zero at the goal.
     Homography,
+}
+
+/// By what an arm with fewer than six joints before the camera, which cannot follow each twist of scheme B, follows one as nearly as it can.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum TwistWeights {
+    /// By the six numbers of the twist alike, m/s and rad/s: a pseudo-inverse of (10.73).
+    #[default]
+    Unit,
+    /// By the motion of the target's image that the twist causes. A tilt of the measured pose comes with a displacement of the camera, by the distance of the target times the
+    /// angle, and both together hardly move the image. An arm that cannot tilt its camera would follow the displacement alone, and what is wrong with the measured tilt
+    /// would move the image by as much as the tilt does not.
+    Image,
 }
 
 /// The operational space error of (10.69).
@@ -81,10 +94,10 @@ impl OperationalSpaceError {
         Some(Vector6::new(v.x, v.y, v.z, w.x, w.y, w.z))
     }
 
-    /// Scheme B as a task for the joints: [`OperationalSpaceError::twist`] with unit weights in all directions.
+    /// Scheme B as a task for the joints: [`OperationalSpaceError::twist`] with the weights `matrix` of its directions, 6 x 6: the identity, or [`image_weights`].
     #[must_use]
-    pub fn twist_task(&self, K_1_s: &PoseGains) -> Option<TwistTask> {
-        Some(TwistTask { matrix: Matrix6::identity(), vector: self.twist(K_1_s)?, error: self.x.norm() })
+    pub fn twist_task(&self, K_1_s: &PoseGains, matrix: Matrix6<f64>) -> Option<TwistTask> {
+        Some(TwistTask { matrix, vector: matrix * self.twist(K_1_s)?, error: self.x.norm() })
     }
 
     /// Scheme A: wrench `E^T K_P x~` and damping `E^T K_D E` of (10.74). Gains in N/m, N m/rad and N s/m, N m s/rad.
@@ -120,6 +133,22 @@ fn displaced_pose(set_point: &SetPoint, view: &View) -> Option<Pose> {
     let R_CD = UnitQuaternion::from_rotation_matrix(&displacement.R_CD);
     let X_CD = Pose::from_parts((displacement.p_CD_C_over_d * d_d).into(), R_CD);
     Some(X_CD * set_point.X_DO()?)
+}
+
+/// The sum of `L^T L` over `points_O`, which stand at `X_CO` before the camera, with the interaction matrices L of (10.27), 6 x 6: the squared motion of the image that
+/// twists cause. `None` where a point is not before the camera.
+#[must_use]
+pub fn image_weights(points_O: &[Point3<f64>], X_CO: &Pose) -> Option<Matrix6<f64>> {
+    let mut equations = NormalEquations::<6>::new();
+    for p_O in points_O {
+        let p_C = X_CO * p_O;
+        // The comparison also catches NaN.
+        if !(p_C.z > 0.0) {
+            return None;
+        }
+        equations.add_point(&(p_C.coords.xy() / p_C.z), p_C.z, &Vector2::zeros(), 1.0);
+    }
+    Some(equations.matrix())
 }
 
 /// `X_CO` with `R_CO = Rz(alpha)` from the visible points of the selection, which must have one height over O.

@@ -11,7 +11,7 @@ use crate::robot::Mount;
 use crate::scene::{FrameSchedule, Irregularity};
 use crate::servo::{
     Gain, Interaction, Law, LawOutput, OperationalSpace, OrientationError, ServoSettings, SetPoint,
-    UpdatePolicy, VisualServo, pose_gains_4,
+    TwistWeights, UpdatePolicy, VisualServo, pose_gains_4,
 };
 use crate::sim::{self, ClosedLoop, perfect_measurement};
 use crate::time::{MonoNs, SpanNs, TICK};
@@ -72,6 +72,7 @@ fn law(scheme: Scheme, gain_1_s: f64) -> Law {
             gain,
             orientation: OrientationError::EulerZyx,
             space: OperationalSpace::Six,
+            weights: TwistWeights::Unit,
         },
         Scheme::C | Scheme::D | Scheme::Hybrid => {
             Law::ImageVelocity { K_s: 1.0.into(), gain, interaction: Interaction::TEXTBOOK }

@@ -102,7 +102,7 @@ proptest! {
         let (orientation, space) = (OrientationError::EulerZyx, OperationalSpace::Six);
         let interaction = Interaction { at: InteractionAt::Current, depth: DepthSource::Estimated };
         for law in [
-            Law::PositionVelocity { K: Vector6::repeat(1.0).into(), gain, orientation, space },
+            Law::PositionVelocity { K: Vector6::repeat(1.0).into(), gain, orientation, space, weights: TwistWeights::Unit },
             Law::ImageVelocity { K_s: 1.0.into(), gain, interaction },
             Law::Hybrid { gains, gain, orientation, space, depth: DepthSource::Desired },
         ] {

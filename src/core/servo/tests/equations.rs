@@ -110,7 +110,7 @@ proptest! {
             let u = g + J_Ad.transpose() * K_P.component_mul(&error.x) - K_D.component_mul(&qd);
             prop_assert!((torque(&a, &set_point, &view, &arm) - u).norm() < 1e-9 * (1.0 + u.norm()));
 
-            let b = Law::PositionVelocity { K: K_P.into(), gain: Gain::Constant(1.0), orientation, space };
+            let b = Law::PositionVelocity { K: K_P.into(), gain: Gain::Constant(1.0), orientation, space, weights: TwistWeights::Unit };
             let qd_r = J_Ad.lu().solve(&K_P.component_mul(&error.x)).unwrap();
             let got = velocity(&b, &set_point, &view, &arm);
             prop_assert!((got - qd_r).norm() < 1e-8 * (1.0 + qd_r.norm()), "{got} {qd_r}");
@@ -281,7 +281,7 @@ proptest! {
         let u = arm.gravity + J_Ad.transpose() * (k4.component_mul(&x4) - k4.component_mul(&(J_Ad * qd)));
         let a = Law::PositionTorque { K_P: K, damping: Damping::Task(K), orientation, space };
         prop_assert!((torque(&a, &set_point, &view, &arm) - u).norm() < 1e-8 * (1.0 + u.norm()));
-        let b = Law::PositionVelocity { K, gain: Gain::Constant(0.01), orientation, space };
+        let b = Law::PositionVelocity { K, gain: Gain::Constant(0.01), orientation, space, weights: TwistWeights::Unit };
         let qd_r = J_Ad.lu().solve(&(k4.component_mul(&x4) * 0.01)).unwrap();
         prop_assert!((velocity(&b, &set_point, &view, &arm) - qd_r).norm() < 1e-8 * (1.0 + qd_r.norm()));
 
@@ -423,7 +423,7 @@ fn views_of_other_features_and_tasks_of_other_laws_are_refused() {
     let gains = HybridGains { K_p: Vector3::repeat(1.0).into(), K_o: Vector3::repeat(1.0).into() };
     let laws = [
         Law::PositionTorque { K_P: one, damping: Damping::Task(one), orientation, space },
-        Law::PositionVelocity { K: one, gain, orientation, space },
+        Law::PositionVelocity { K: one, gain, orientation, space, weights: TwistWeights::Unit },
         Law::ImageTorque {
             K_Ps: 1.0.into(),
             damping: Damping::Task(1.0.into()),

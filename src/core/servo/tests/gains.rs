@@ -153,6 +153,7 @@ proptest! {
                 gain: Gain::Constant(1.0),
                 orientation,
                 space: OperationalSpace::Six,
+                weights: TwistWeights::Unit,
             };
             let error = |X_CO: &Pose| OperationalSpaceError::new(&X_DO, X_CO, orientation).x;
             let after = error(&flown(&law, &set_point, &now));

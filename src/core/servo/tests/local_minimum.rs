@@ -81,6 +81,7 @@ proptest! {
             gain: Gain::Constant(1.0),
             orientation: OrientationError::AngleAxis,
             space: OperationalSpace::Six,
+            weights: TwistWeights::Unit,
         };
         prop_assert_eq!(felt_share(&b, &goal(&X_DO), &seen(&(Pose::translation(0.01, 0.0, 0.0) * X_DO), &square())), None);
     }

@@ -104,8 +104,20 @@ fn laws() -> [Law; 7] {
     let image =
         |at, depth| Law::ImageVelocity { K_s: 1.0.into(), gain, interaction: Interaction { at, depth } };
     [
-        Law::PositionVelocity { K, gain, orientation: OrientationError::EulerZyx, space },
-        Law::PositionVelocity { K, gain, orientation: OrientationError::AngleAxis, space },
+        Law::PositionVelocity {
+            K,
+            gain,
+            orientation: OrientationError::EulerZyx,
+            space,
+            weights: TwistWeights::Unit,
+        },
+        Law::PositionVelocity {
+            K,
+            gain,
+            orientation: OrientationError::AngleAxis,
+            space,
+            weights: TwistWeights::Unit,
+        },
         image(InteractionAt::Current, DepthSource::Desired),
         image(InteractionAt::Mean, DepthSource::Estimated),
         image(InteractionAt::Desired, DepthSource::Known),

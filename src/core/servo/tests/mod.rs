@@ -4,6 +4,7 @@ mod areas;
 mod depths;
 mod energy;
 mod equations;
+mod fewer_joints;
 mod gains;
 mod local_minimum;
 mod loops;

@@ -3,6 +3,7 @@ use super::*;
 use crate::robot::Mount;
 use crate::servo::{
     Damping, DepthSource, Gain, HybridGains, Interaction, InteractionAt, OperationalSpace, OrientationError,
+    TwistWeights,
 };
 use crate::servo::{GoalPath, Law, ObjectDynamics};
 use crate::sim::perfect_measurement;
@@ -249,7 +250,7 @@ fn every_law() -> Vec<VisualServo<4>> {
     let mut all = Vec::new();
     for space in [OperationalSpace::Four, OperationalSpace::Six] {
         let gains = HybridGains { K_p: Vector3::repeat(1.0).into(), K_o: Vector3::repeat(1.0).into() };
-        all.push(Law::PositionVelocity { K, gain, orientation, space });
+        all.push(Law::PositionVelocity { K, gain, orientation, space, weights: TwistWeights::Unit });
         all.push(Law::PositionTorque { K_P: K, damping: Damping::Task(K), orientation, space });
         all.push(Law::Hybrid { gains, gain, orientation, space, depth: DepthSource::Desired });
     }
