@@ -9,7 +9,7 @@ use vservo::geometry::Pose;
 use vservo::robot::CameraJacobian;
 use vservo::servo::{
     Arm, Damping, DepthSource, Gain, HybridGains, Interaction, InteractionAt, Law, OperationalSpace,
-    OrientationError, PoseGains, SetPoint, View, image_task,
+    OrientationError, PoseGains, SetPoint, TwistWeights, View, image_task,
 };
 
 fn main() {
@@ -82,7 +82,17 @@ fn a_position_torque(bencher: Bencher) {
 #[divan::bench]
 fn b_position_velocity(bencher: Bencher) {
     let K = PoseGains::repeat(1.0);
-    law(bencher, 4, Law::PositionVelocity { K, gain: Gain::Constant(1.0), orientation: EULER, space: SPACE });
+    law(
+        bencher,
+        4,
+        Law::PositionVelocity {
+            K,
+            gain: Gain::Constant(1.0),
+            orientation: EULER,
+            space: SPACE,
+            weights: TwistWeights::Unit,
+        },
+    );
 }
 
 #[divan::bench(args = [4, 16])]

@@ -162,6 +162,9 @@ fn asked(what: &[String]) -> Result<(Option<&Path>, Vec<TuneKey>), String> {
             None => {
                 return Err(format!("`{word}`: expected KEY=LOW..HIGH, for example servo.gain_1_s=2..60"));
             }
+            Some((name, _)) if keys.iter().any(|key: &TuneKey| key.name == name.trim()) => {
+                return Err(format!("`{word}`: {} is named twice: one range for each key", name.trim()));
+            }
             Some((name, range)) => {
                 keys.push(TuneKey { name: name.trim().into(), range: range_of(word, range)? })
             }
@@ -349,4 +352,18 @@ fn drawn(keys: &[TuneKey], trials: &[TuneTrial], proposals: &[TuneProposal]) -> 
     panels.push(chosen(&settling, &|p| p.figures.rest_px, trade));
     let columns = panels.len().min(2);
     standalone_svg(&panels, columns, "vservo tune")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_key_that_is_named_twice_is_refused() {
+        let words =
+            |words: &[&str]| asked(&words.iter().map(|w| (*w).to_owned()).collect::<Vec<_>>()).map(|_| ());
+        assert_eq!(words(&["ur5", "servo.gain_1_s=2..60", "servo.gain_at_goal_1_s=1..3"]), Ok(()));
+        let twice = words(&["ur5", "servo.gain_1_s=2..60", "servo.gain_1_s =5..9"]);
+        assert!(twice.unwrap_err().contains("named twice"));
+    }
 }

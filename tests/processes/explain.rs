@@ -317,6 +317,42 @@ fn stands_still(name: &str, role: &str, seconds: f64) -> Value {
     panic!("ten runs in which the arm did not move");
 }
 
+/// A recording of a run whose control was killed has no end of it: that is told, and no stop on request.
+#[test]
+fn a_control_that_was_killed_stopped_nothing_on_request() {
+    let instance = Instance::new("expkilled");
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.mcap");
+    let mut child = vservo()
+        .args([
+            "run",
+            "--instance",
+            &instance.name,
+            "--set",
+            "goal.hold_s=60",
+            "--duration-s",
+            "60",
+            "--record",
+        ])
+        .arg(&path)
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let control = wait_for_process(&instance, "control");
+    wait_until("the run to be on its way", || {
+        let output =
+            vservo().args(["ctl", "status", "--json", "--instance", &instance.name]).output().unwrap();
+        let answer: Value = serde_json::from_slice(&output.stdout).unwrap_or(Value::Null);
+        answer["time_s"].as_f64().is_some_and(|s| s > 0.6)
+    });
+    kill(control, "KILL");
+    assert_eq!(child.wait().unwrap().code(), Some(4));
+    let told = explained(&path);
+    let verdict = told["verdict"].as_str().unwrap();
+    assert!(verdict.starts_with("Cut off") && verdict.contains("control was gone"), "{verdict}");
+}
+
 #[test]
 fn a_silent_camera_and_missed_deadlines_are_named() {
     let told = stands_still("expdead", "control", 0.3);

@@ -276,10 +276,19 @@ fn at_rest(evidence: &RunEvidence, places: &[SeenPlace]) -> Option<RunFinding> {
         CellError::Motion => (
             Cause::ObjectMoves,
             format!("the object moves by ({}) mm/s in B", list(mm, 0)),
-            "servo.object.moves = true".into(),
+            follow_it(evidence, ""),
         ),
     };
     Some(RunFinding { cause, what, evidence: told, change })
+}
+
+/// What lets a run follow an object.
+fn follow_it(evidence: &RunEvidence, which: &str) -> String {
+    let without = match evidence.config.second_view {
+        Some(_) => " in a run with one camera alone (with [second_view] both targets rest)",
+        None => "",
+    };
+    format!("servo.object.moves = true{without}{which}")
 }
 
 /// A spread that no error of the description explains, but that is smooth: the object moves as it likes.
@@ -299,6 +308,6 @@ fn moves_otherwise(evidence: &RunEvidence, places: &[SeenPlace], spread: f64) ->
             "the places at which it was seen spread by {:.1} mm, smoothly, and no error of lens, mount or stamps explains it",
             spread * 1e3
         ),
-        change: "servo.object.moves = true, for an object that moves steadily".into(),
+        change: follow_it(evidence, ", for an object that moves steadily"),
     })
 }

@@ -13,9 +13,9 @@ use super::{BelievedCell, Goal};
 use crate::control::outcome::{Finish, Outcome};
 use crate::geometry::Pose;
 use crate::linalg::Random;
-use crate::messages::{ControlState, Measurement};
+use crate::messages::{ControlState, Measurement, TargetStatus};
 use crate::servo::{PostureSearch, SetPoint};
-use crate::time::MonoNs;
+use crate::time::{MonoNs, SpanNs};
 use nalgebra::{SVector, Vector2};
 
 /// Postures from which the inverse kinematics is started, that of the arm first, one a tick. As many as `check` tries
@@ -35,6 +35,10 @@ const NOT_THERE: &str = "run.duration_s is over: each motion of look_and_move en
                          the arm moves";
 const NOT_SEEN: &str = "run.duration_s is over: the target was not in view where the last motion of look_and_move ended; compare \
                         [camera.lens], [camera.mount] and [target] with what is there";
+const NO_FRAMES: &str = "run.duration_s is over: no frames came any more, so that look_and_move could not look again; see to the camera and to vision";
+const NO_CONTRAST: &str = "run.duration_s is over: the frames had no contrast when look_and_move was to look again; see to light, lens cap and exposure";
+/// Age of the last exposure from which on no frames come, chosen by hand: more than the longest latency of a camera that a run file may have.
+const SILENT: SpanNs = SpanNs(1_000_000_000);
 
 /// Looks and moves.
 #[derive(Debug)]
@@ -161,9 +165,14 @@ impl<const N: usize> LookAndMove<N> {
         matches!(self.phase, Phase::NoPosture).then_some(NO_POSTURE)
     }
 
-    /// Why the time of the run was too short, once the arm has moved, with the target `in_view` or not.
-    pub(super) fn when_late(&self, in_view: bool) -> Option<&'static str> {
-        (self.motions > 0).then_some(if in_view { NOT_THERE } else { NOT_SEEN })
+    /// Why the time of the run was too short, once the arm has moved, by the age and the status of the `last` measurement.
+    pub(super) fn when_late(&self, last: Option<(SpanNs, TargetStatus)>) -> Option<&'static str> {
+        (self.motions > 0).then_some(match last {
+            Some((age, _)) if age > SILENT => NO_FRAMES,
+            Some((_, TargetStatus::NoContrast)) => NO_CONTRAST,
+            Some((_, TargetStatus::Found)) => NOT_THERE,
+            _ => NOT_SEEN,
+        })
     }
 }
 
@@ -222,6 +231,27 @@ mod tests {
         task.note_arm(MonoNs(500 * MS), ControlState::Waiting, true);
         assert_eq!(seen(&mut task, 480), None, "held meanwhile: an old view");
         assert!(seen(&mut task, 520).is_some());
+    }
+
+    /// What it waits for when its time is over: frames, light, the target, or a better description.
+    #[test]
+    fn what_it_could_not_look_at_is_told() {
+        let (mut task, q, goal) = task();
+        let X_DO = *goal.set_point.X_DO().unwrap();
+        let old = SpanNs(1500 * MS);
+        let fresh = SpanNs(40 * MS);
+        assert_eq!(task.when_late(Some((old, TargetStatus::Found))), None, "it has not moved");
+        task.note_arm(MonoNs(0), ControlState::Waiting, true);
+        task.look(&measurement(120, &X_DO, 0.02), 30.0, &q, &goal);
+        assert!(task.next_waypoint().is_some());
+        for (last, told) in [
+            (Some((old, TargetStatus::Found)), NO_FRAMES),
+            (Some((fresh, TargetStatus::NoContrast)), NO_CONTRAST),
+            (Some((fresh, TargetStatus::TooFewRegions)), NOT_SEEN),
+            (Some((fresh, TargetStatus::Found)), NOT_THERE),
+        ] {
+            assert_eq!(task.when_late(last), Some(told), "{last:?}");
+        }
     }
 
     #[test]

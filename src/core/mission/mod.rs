@@ -63,8 +63,8 @@ use goal_watch::GoalWatch;
 use nalgebra::SVector;
 use requests::MissionChange;
 use residual::{
-    AMBIGUOUS_VIEW, AT_ITS_END, BEHIND_OBJECT, NO_NEARER, OUT_OF_REACH, ResidualWatch, TOO_FEW_FEATURES,
-    TOO_WEAK, is_another_pose, is_at_its_end, leaves_pose_open, why_it_stays,
+    AMBIGUOUS_VIEW, AT_ITS_END, OUT_OF_REACH, ResidualWatch, TOO_FEW_FEATURES, TOO_WEAK, is_another_pose,
+    is_at_its_end, leaves_pose_open, why_it_stays,
 };
 use run_end::{HELD_OFF, LAST_FRAME, LATELY, MOTION_OVER, NO_MORE_FRAMES, RunEnd};
 use std::collections::VecDeque;
@@ -389,8 +389,7 @@ impl<const N: usize> Mission<N> {
         let time = now - self.first.unwrap_or(now);
         let time_is_up = self.plan.duration.is_some_and(|duration| time >= duration);
         let goal_px = self.goal.tolerance_px;
-        let behind = if self.plan.follows { BEHIND_OBJECT } else { NO_NEARER };
-        let no_nearer = || self.residual.is_no_nearer(goal_px).then_some(behind);
+        let no_nearer = || self.residual.why_no_nearer(goal_px, self.plan.follows, &self.plan.law);
         let seen = self.measurements.last_found();
         let met_px = (MET_SHARE * self.measurements.error_px()).max(goal_px);
         let (law, set_point) = (&self.plan.law, &self.goal.set_point);
@@ -406,11 +405,11 @@ impl<const N: usize> Mission<N> {
         };
         let stays = || self.residual.constant_px(goal_px).map(why).or_else(no_nearer);
         let in_view = self.measurements.last().is_some_and(Measurement::found);
+        let last = self.measurements.last().map(|m| (now - m.exposure, m.target_status()));
         let held_off = self.held_off.filter(|at| now - *at < LATELY).map(|_| HELD_OFF);
         let known = held_off.or_else(|| self.why_not_both(now, trace));
-        let when_late = known
-            .or_else(|| self.task.when_late(in_view))
-            .or_else(|| stays().filter(|_| servoing && has_goal));
+        let when_late =
+            known.or_else(|| self.task.when_late(last)).or_else(|| stays().filter(|_| servoing && has_goal));
         let are_old = self.measurements.are_older_than(self.plan.measurement_timeout);
         let is_held = matches!(self.state, ControlState::Holding | ControlState::Returning);
         let when_late =

@@ -53,12 +53,20 @@ pub const TOO_FEW_FEATURES: &str = "the arm stands and the error stays: what ser
                                     poses look the same to the law, and it went to another one than the goal; let it compare more";
 
 /// The reason that ends a run whose arm moves and gets no nearer.
-pub const NO_NEARER: &str = "the arm moves on and the error does not fall: lower servo.gain_1_s; see whether load, friction and delay of \
+const NO_NEARER: &str = "the arm moves on and the error does not fall: lower servo.gain_1_s; see whether load, friction and delay of \
                              the arm are far from its model, its encoders coarser than motion.encoder_step_rad_or_m says, or the object \
                              moves (servo.object.moves)";
 
+/// The same under torque laws, which have no gain of velocities.
+const NO_NEARER_BY_TORQUES: &str = "the arm moves on and the error does not fall: lower the stiffness in [servo.pd], or raise the damping; see whether load, friction and delay of \
+                                    the arm are far from its model, its encoders coarser than motion.encoder_step_rad_or_m says, or the object moves";
+
+/// The reason that ends a run whose arm is on its way.
+const ON_ITS_WAY: &str = "run.duration_s is over, and the error still falls: give the run more time (run.duration_s), or see what makes the arm slow: limits of [workspace] and [motion], \
+                          a low gain (servo.gain_1_s; of torque laws the stiffness in [servo.pd], or much damping)";
+
 /// The same where the law follows the object's own motion.
-pub const BEHIND_OBJECT: &str = "the arm follows the object, and the error does not fall below goal.feature_error_px: what is left comes of motions of the object \
+const BEHIND_OBJECT: &str = "the arm follows the object, and the error does not fall below goal.feature_error_px: what is left comes of motions of the object \
                                  that its estimate learns too late; set servo.object.acceleration_m_s2 and acceleration_rad_s2 to what the object does, \
                                  let images come sooner, or allow for the error (goal.feature_error_px). Of an object that rests: lower servo.gain_1_s, or see \
                                  whether load, friction and delay of the arm are far from its model";
@@ -132,6 +140,11 @@ pub(super) fn leaves_pose_open(law: &Law, set_point: &SetPoint, joints: usize) -
 const SPELL: SpanNs = SpanNs(2_000_000_000);
 const NEARER_SHARE: f64 = 0.2;
 
+/// An error that falls by this share and more from one spell to the next still falls. Chosen by hand: errors that swing about a value end spells of 2 s with less between them.
+const FALLING_SHARE: f64 = 0.05;
+/// As many times the goal's tolerance an error is beyond what noise of the view lets it swing by. Chosen by hand.
+const FAR: f64 = 20.0;
+
 /// Watches the feature error of an arm at rest. It takes the arm's state at every tick, and the feature error of every measurement that
 /// has one.
 #[derive(Debug, Clone, Copy, Default)]
@@ -194,6 +207,18 @@ impl ResidualWatch {
         matches!(self.means, [Some(before), Some(after)] if after > goal_px && after > (1.0 - NEARER_SHARE) * before)
     }
 
+    /// Why the error is more than `goal_px` and does not fall as it should, of a `law` that may follow a moving object; `None` where it falls.
+    pub(super) fn why_no_nearer(&self, goal_px: f64, follows: bool, law: &Law) -> Option<&'static str> {
+        let falls = matches!(self.means, [Some(before), Some(after)] if after > FAR * goal_px && after < (1.0 - FALLING_SHARE) * before);
+        let why = match (follows, law.is_torque()) {
+            (true, _) => BEHIND_OBJECT,
+            _ if falls => ON_ITS_WAY,
+            (_, true) => NO_NEARER_BY_TORQUES,
+            _ => NO_NEARER,
+        };
+        self.is_no_nearer(goal_px).then_some(why)
+    }
+
     /// The constant error, px, of an arm that has stood for 2 s; `None` while the arm or the error moves, or the error is within `goal_px`.
     pub fn constant_px(&self, goal_px: f64) -> Option<f64> {
         let (since, error_px) = self.since?;
@@ -234,6 +259,30 @@ mod tests {
         assert!(!no_nearer(&|t| 100.0 * (-0.5 * t).exp()), "it falls");
         assert!(!no_nearer(&|_| 0.03), "this is the goal");
         assert!(!no_nearer(&|t| if t > 3.0 { f64::NAN } else { 2.0 }), "it is lost");
+    }
+
+    /// An arm that is slow and on its way is told from one that gets no nearer, and a law of torques has no gain to lower.
+    #[test]
+    fn why_it_is_no_nearer_is_told() {
+        let [velocities, torques] = ["scara-d", "scara-c"].map(|name| {
+            let path =
+                std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../config/{name}.toml"));
+            crate::config::Config::load(Some(&path), &[]).unwrap().servo.law
+        });
+        let why = |error_px: &dyn Fn(f64) -> f64, follows, law| {
+            let mut watch = ResidualWatch::default();
+            for k in 0..150 {
+                watch.note_error(MonoNs(k * 40 * MS), error_px(0.04 * k as f64));
+            }
+            watch.why_no_nearer(0.1, follows, law)
+        };
+        let slow = |t: f64| 124.0 - 5.0 * t;
+        let swings = |t: f64| 2.0 + 1.5 * (7.0 * t).sin();
+        assert_eq!(why(&slow, false, &velocities), Some(ON_ITS_WAY));
+        assert_eq!(why(&swings, false, &velocities), Some(NO_NEARER));
+        assert_eq!(why(&swings, false, &torques), Some(NO_NEARER_BY_TORQUES));
+        assert_eq!(why(&swings, true, &velocities), Some(BEHIND_OBJECT));
+        assert_eq!(why(&|t| 124.0 * (-t).exp(), false, &velocities), None);
     }
 
     #[test]

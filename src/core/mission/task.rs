@@ -8,9 +8,10 @@ use crate::camera_model::CameraModel;
 use crate::control::order::ControlOrder;
 use crate::control::outcome::{Finish, Outcome};
 use crate::control::trace::Event;
-use crate::messages::Measurement;
+use crate::messages::{Measurement, TargetStatus};
 use crate::motion::{ExcitationMotion, MotionLimits, Workspace};
 use crate::robot::{Mount, Robot};
+use crate::time::SpanNs;
 use nalgebra::{Point3, SVector};
 
 const EXCITATION_OVER: Finish =
@@ -204,13 +205,13 @@ impl<const N: usize> RunTask<N> {
         }
     }
 
-    /// Why the time of the run was too short, where the task knows; the last frame had the target `in_view` or not.
-    pub(super) fn when_late(&self, in_view: bool) -> Option<&'static str> {
+    /// Why the time of the run was too short, where the task knows; by the age and the status of the `last` measurement.
+    pub(super) fn when_late(&self, last: Option<(SpanNs, TargetStatus)>) -> Option<&'static str> {
         match self {
             Self::Excitation { planned: true, .. } => Some(EXCITATION_TOO_SHORT),
             Self::LoadTour { planned: Some(_), .. } => Some(TOUR_TOO_SHORT),
             Self::Servo | Self::Excitation { .. } | Self::LoadTour { .. } => None,
-            Self::LookAndMove(task) => task.when_late(in_view),
+            Self::LookAndMove(task) => task.when_late(last),
             Self::Tour { planned: Some(_), .. } => Some(TOUR_TOO_SHORT),
             Self::Tour { planned: None, .. } => Some(NOTHING_SEEN),
         }

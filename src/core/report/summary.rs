@@ -113,8 +113,8 @@ pub struct Summary {
     pub seed: u64,
     /// Length by the loop's own clock, s.
     pub duration_s: f64,
-    /// Length by the wall clock, from first to last tick, s.
-    pub wall_s: f64,
+    /// Length by the wall clock, from first to last tick, s; `None` of a recorded run in simulated time.
+    pub wall_s: Option<f64>,
     /// Control ticks.
     pub ticks: u64,
     /// Ticks whose command came too late or not at all.
@@ -228,7 +228,7 @@ impl Summary {
             scheme: config.scheme_name().into(),
             seed: config.seed,
             duration_s: 0.0,
-            wall_s: wall.as_s(),
+            wall_s: Some(wall.as_s()),
             ticks: 0,
             missed_deadlines: 0,
             skipped_ticks: 0,
@@ -281,8 +281,12 @@ impl Summary {
         let _ = writeln!(t, "outcome       {} ({})", self.outcome.as_str(), self.reason);
         let _ = writeln!(
             t,
-            "run           {:.3} s {} in {:.3} s, {} ticks, {} deadlines missed",
-            self.duration_s, self.clock, self.wall_s, self.ticks, self.missed_deadlines
+            "run           {:.3} s {}{}, {} ticks, {} deadlines missed",
+            self.duration_s,
+            self.clock,
+            self.wall_s.map_or_else(String::new, |wall_s| format!(" in {wall_s:.3} s")),
+            self.ticks,
+            self.missed_deadlines
         );
         let _ = writeln!(
             t,

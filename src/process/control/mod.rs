@@ -328,7 +328,7 @@ fn summary<const N: usize>(
         scheme: config.scheme_name().into(),
         seed: config.seed,
         duration_s: mission.duration_s(),
-        wall_s: wall.as_s(),
+        wall_s: Some(wall.as_s()),
         ticks: control.ticks(),
         missed_deadlines: pace.missed_deadlines,
         skipped_ticks: pace.skipped_ticks,

@@ -20,6 +20,9 @@ pub struct RecordedResults {
     pub files: Vec<(&'static str, String)>,
 }
 
+/// Of a recording that is complete and has no end of its run.
+const NO_END: &str = "no end of it was recorded: control was gone before it told one (was it killed?), or the recorder was ended first";
+
 /// Results of a recorded run of `config`.
 ///
 /// # Errors
@@ -76,7 +79,12 @@ fn of_robot<R: Read, const N: usize>(
     let wall: SpanNs = span.1 - span.0;
     let mut summary = summary(config, &run, &statistics, pace, wall);
     summary.stability = Preflight::of(config).ok().and_then(|preflight| preflight.stability);
-    if let Some(why) = replayed.gap.or(replayed.cut_off) {
+    if config.clock == Clock::Lockstep {
+        // How long it took is not recorded.
+        summary.wall_s = None;
+    }
+    let no_end = run.mission.finish().is_none().then(|| NO_END.to_owned());
+    if let Some(why) = replayed.gap.or(replayed.cut_off).or(no_end) {
         summary.reason = format!("{RECORDING_ENDS}: {why}");
     }
     let files = run_files::texts(config, &run, &history).map(|(name, text)| (name, text()));

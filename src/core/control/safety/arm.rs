@@ -222,11 +222,24 @@ struct Follow<const N: usize> {
     now: Option<(SVector<f64, N>, SVector<f64, N>)>,
     /// Displacement of the reference less that of the joints, with what motion forgives, rad or m.
     lag: SVector<f64, N>,
+    /// How far the reference went on its side of a joint that did not follow it, rad or m: what the joint moves counts as a way of `1 / FOLLOWS` times as much that was followed.
+    /// A reference that creeps never goes far in the time of the parts.
+    left_behind: SVector<f64, N>,
+    /// For how many parts that has been too much.
+    parts_behind: SVector<u32, N>,
 }
 
 impl<const N: usize> Default for Follow<N> {
     fn default() -> Self {
-        Self { done: [None; FOLLOW_PARTS], part: 0, ticks: 0, now: None, lag: SVector::zeros() }
+        Self {
+            done: [None; FOLLOW_PARTS],
+            part: 0,
+            ticks: 0,
+            now: None,
+            lag: SVector::zeros(),
+            left_behind: SVector::zeros(),
+            parts_behind: SVector::zeros(),
+        }
     }
 }
 
@@ -247,8 +260,19 @@ impl<const N: usize> Follow<N> {
                 let sum = *lag + gone - moved;
                 *lag = sum - sum.signum() * sum.abs().min(FORGIVEN * moved.abs());
             });
+            self.left_behind.zip_zip_apply(&gone, &moved, |way, gone, moved| {
+                let sum = *way + gone;
+                *way = sum - sum.signum() * sum.abs().min(moved.abs() / FOLLOWS);
+            });
             (gone.abs(), moved.abs())
         });
+        self.parts_behind.zip_apply(&self.left_behind, |parts, way| {
+            *parts = if way.abs() > FOLLOW_WAY { parts.saturating_add(1) } else { 0 };
+        });
+        // As long as the parts together, so that a drive that obeys late has begun to.
+        if self.parts_behind.iter().any(|parts| *parts as usize >= FOLLOW_PARTS) {
+            return true;
+        }
         if let Some(place) = self.done.get_mut(self.part) {
             *place = ways;
         }

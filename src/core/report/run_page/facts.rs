@@ -26,7 +26,11 @@ pub fn run_facts(s: &Summary) -> Vec<(String, String)> {
     let mut tell = |name: &str, value: String| facts.push((name.to_owned(), value));
     tell("servo law", s.scheme.clone());
     let pace = match s.clock.as_str() {
-        "lockstep" => format!("lockstep (simulated time), {:.2} s by the wall clock", s.wall_s),
+        "lockstep" => {
+            let wall =
+                s.wall_s.map_or_else(String::new, |wall_s| format!(", {wall_s:.2} s by the wall clock"));
+            format!("lockstep (simulated time){wall}")
+        }
         other => other.to_owned(),
     };
     tell("clock", pace);

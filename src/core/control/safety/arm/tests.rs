@@ -172,6 +172,32 @@ fn a_standing_joint_comes_to_a_sum_of_lag_and_a_slow_drive_not() {
     }
 }
 
+/// A reference that creeps towards its goal before a joint that stands: it never goes far in 0.4 s, and goes far in the end. Around a joint that sticks it may go to and fro for as long as it likes.
+#[test]
+fn a_joint_before_a_creeping_reference_is_told() {
+    for speed in [1e-3, 5e-3, 0.04] {
+        let mut watch = ArmWatch::<2>::default();
+        let way = Vector2::new(speed * 1e-3, 0.0);
+        let told_s = (0..40_000)
+            .find(|_| watch.follow(&Vector2::zeros(), &way).is_some())
+            .map(|k| f64::from(k) * 1e-3);
+        // 20 mrad, the parts of 0.4 s, and one part more.
+        let due_s = 0.02 / speed + 0.5;
+        assert!(told_s.is_some_and(|t| (due_s - 0.2..due_s + 0.1).contains(&t)), "{speed}: {told_s:?}");
+    }
+    let mut watch = ArmWatch::<2>::default();
+    for k in 0..60_000 {
+        let way = 0.015 * 2e-3 * (2e-3 * f64::from(k)).cos();
+        assert_eq!(watch.follow(&Vector2::zeros(), &Vector2::new(way, 0.0)), None, "{k}");
+    }
+    // A joint that creeps behind its reference by a fifth of its speed and an eighth more.
+    let mut watch = ArmWatch::<2>::default();
+    for k in 0..40_000 {
+        let q = Vector2::new(0.225 * 5e-6 * f64::from(k), 0.0);
+        assert_eq!(watch.follow(&q, &Vector2::new(5e-6, 0.0)), None, "{k}");
+    }
+}
+
 #[test]
 fn a_joint_that_lags_or_creeps_follows() {
     let mut watch = ArmWatch::<2>::default();
