@@ -159,7 +159,7 @@ fn a_blocked_joint_is_reported_within_a_second() {
     }
 }
 
-/// A joint that stands while it is told to creep is too slow a way for the distances of 0.4 s; its lag tells.
+/// What a joint did less than its reference, whatever is told of it.
 #[test]
 fn a_standing_joint_comes_to_a_sum_of_lag_and_a_slow_drive_not() {
     for (share, least, most) in [(0.0, 0.09, 0.11), (0.75, 0.0, 0.02), (1.3, 0.0, 0.02)] {
@@ -181,9 +181,9 @@ fn a_joint_before_a_creeping_reference_is_told() {
         let told_s = (0..40_000)
             .find(|_| watch.follow(&Vector2::zeros(), &way).is_some())
             .map(|k| f64::from(k) * 1e-3);
-        // 20 mrad, the parts of 0.4 s, and one part more.
-        let due_s = 0.02 / speed + 0.5;
-        assert!(told_s.is_some_and(|t| (due_s - 0.2..due_s + 0.1).contains(&t)), "{speed}: {told_s:?}");
+        // 20 mrad and the parts of 0.4 s, to one part.
+        let due_s = 0.02 / speed + 0.4;
+        assert!(told_s.is_some_and(|t| (due_s - t).abs() < 0.11), "{speed}: {told_s:?}");
     }
     let mut watch = ArmWatch::<2>::default();
     for k in 0..60_000 {
@@ -206,7 +206,8 @@ fn a_joint_that_lags_or_creeps_follows() {
         let r = 0.3 * (f64::from(k) * 2e-3).sin();
         let r_next = 0.3 * (f64::from(k + 1) * 2e-3).sin();
         q += (r - q) * 0.02;
-        let told = watch.follow(&Vector2::new(q, 0.0), &Vector2::new(r_next - r, 1e-5));
+        // The other one stands before a reference that has gone 15 mm in the end.
+        let told = watch.follow(&Vector2::new(q, 0.0), &Vector2::new(r_next - r, 3e-6));
         assert_eq!(told, None, "{k}");
     }
 }
