@@ -164,7 +164,8 @@ fn snapshot(arguments: &CameraArguments, out: &Path) -> Result<u8, ProcessError>
             match &config.camera.source {
                 Source::V4l2(settings) => CaptureRequest::of(&config.camera, settings),
                 Source::Synthetic { .. } | Source::Replay { .. } | Source::External(_) => {
-                    return Err(ProcessError::NoRealCamera);
+                    let instead = "\"v4l2\", or name one with --device";
+                    return Err(ProcessError::NoRealCamera { instead });
                 }
             }
         }

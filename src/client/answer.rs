@@ -49,6 +49,9 @@ pub struct RunAnswer {
     pub served: Option<bool>,
     /// Number of the control tick.
     pub tick: Option<u64>,
+    /// Number of the last accepted request that decides what the arm does, all but `goal` and `set`: another one than in the answer to an own request is
+    /// of another client.
+    pub motion_request: Option<u64>,
     /// Time since the first tick, s.
     pub time_s: Option<f64>,
     /// Number of the goal: 0 is that of the run file.
@@ -61,7 +64,7 @@ pub struct RunAnswer {
     pub at_goal: Option<bool>,
     /// For how long, s.
     pub at_goal_s: Option<f64>,
-    /// Root mean square feature error, px.
+    /// Root mean square feature error of the last frame that has one, px: an old one where `target` is not `found`.
     pub feature_error_px: Option<f64>,
     /// Distance of the camera from its desired position, m.
     pub position_error_m: Option<f64>,
@@ -80,8 +83,13 @@ impl RunAnswer {
     pub(super) fn of(instance: &Instance, request: Option<Request>, a: &ControlAnswer) -> Self {
         let known = |x: f64| Some(x).filter(|x| x.is_finite());
         let joints = a.joints as usize;
-        let describe =
-            |code| Refusal::from_code(code).map_or("for a reason of another version", Refusal::describe);
+        // A run that is asked for something else is at its goal no more, before it has told so itself.
+        let at_goal_s = known(a.at_goal_s).filter(|_| a.state == ControlState::Servoing as u32);
+        let describe = |code| match (Refusal::from_code(code), request) {
+            (Some(refusal), Some(request)) => refusal.describe_for(request),
+            (Some(refusal), None) => refusal.describe(),
+            (None, _) => "for a reason of another version",
+        };
         Self {
             instance: instance.to_string(),
             request: request.map_or("status", Request::as_str),
@@ -104,12 +112,13 @@ impl RunAnswer {
             vision_restarts: Some(a.vision_restarts),
             served: Some(a.flags & answer_flag::SERVED != 0),
             tick: Some(a.tick),
+            motion_request: Some(a.motion_request),
             time_s: Some(a.time_s),
             goal: Some(a.goal),
             target_number: Some(a.target_number),
             target_name: name_of(instance, a.target_number),
-            at_goal: Some(a.at_goal_s.is_finite()),
-            at_goal_s: known(a.at_goal_s),
+            at_goal: Some(at_goal_s.is_some()),
+            at_goal_s,
             feature_error_px: known(a.feature_error_px),
             position_error_m: known(a.position_error_m),
             orientation_error_rad: known(a.orientation_error_rad),
@@ -140,6 +149,7 @@ impl RunAnswer {
             vision_restarts: None,
             served: None,
             tick: None,
+            motion_request: None,
             time_s: None,
             goal: None,
             target_number: None,
@@ -159,7 +169,7 @@ impl RunAnswer {
     #[must_use]
     pub fn state_in_words(&self) -> String {
         match (self.fault, self.waits_for) {
-            (None, _) => match self.target.filter(|target| *target != TargetStatus::Found.as_str()) {
+            (None, _) => match self.unseen() {
                 Some(target) if self.state == ControlState::Teaching.as_str() => {
                     format!("{}, which waits for the target: {target}", self.state)
                 }
@@ -176,6 +186,22 @@ impl RunAnswer {
                 format!("{} ({fault}; see to its cause, then `vservo ctl reset`)", self.state)
             }
         }
+    }
+
+    /// The feature error, or why the last frame has none: that of an earlier one is not told.
+    pub(super) fn view_in_words(&self) -> String {
+        // A state that waits for the target says so itself.
+        let is_told = self.state == ControlState::Teaching.as_str();
+        match (self.unseen(), self.feature_error_px) {
+            (Some(why), _) if !is_told => format!(", no view of the target: {why}"),
+            (None, Some(error)) => format!(", feature error {error:.3} px"),
+            _ => String::new(),
+        }
+    }
+
+    /// Why the target is not seen; `None` where it is.
+    fn unseen(&self) -> Option<&'static str> {
+        self.target.filter(|target| *target != TargetStatus::Found.as_str())
     }
 
     /// A line for people.
@@ -211,9 +237,7 @@ impl RunAnswer {
                 let _ = write!(line, ", {what} started anew {count} times");
             }
         }
-        if let Some(error) = self.feature_error_px {
-            let _ = write!(line, ", feature error {error:.3} px");
-        }
+        line += &self.view_in_words();
         if let Some((m, rad)) = self.position_error_m.zip(self.orientation_error_rad) {
             let _ = write!(line, ", camera {:.2} mm {:.3} deg from the goal", m * 1e3, rad.to_degrees());
         }
@@ -257,4 +281,48 @@ fn waits_for(state: RobotState) -> &'static str {
 fn goal_points(a: &ControlAnswer) -> impl Iterator<Item = (u32, [f64; 2])> {
     let (features, _) = a.goal_features.as_chunks::<2>();
     a.goal_ids.into_iter().zip(features.to_vec())
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    /// A run that servoes.
+    pub(in crate::client) fn answer() -> RunAnswer {
+        told(&ControlAnswer { state: ControlState::Servoing as u32, ..ControlAnswer::default() })
+    }
+
+    fn told(answer: &ControlAnswer) -> RunAnswer {
+        RunAnswer::of(&"answer-test".parse().unwrap(), None, answer)
+    }
+
+    #[test]
+    fn an_arm_that_moves_elsewhere_is_not_at_the_goal() {
+        let of = |state: ControlState| {
+            told(&ControlAnswer { state: state as u32, at_goal_s: 6.1, ..ControlAnswer::default() })
+        };
+        assert!(of(ControlState::Servoing).line().contains("at the goal for 6.1 s"));
+        for state in [ControlState::Moving, ControlState::Held, ControlState::Holding] {
+            let answer = of(state);
+            assert_eq!((answer.at_goal, answer.at_goal_s), (Some(false), None), "{}", answer.line());
+            assert!(!answer.line().contains("at the goal"), "{}", answer.line());
+        }
+    }
+
+    #[test]
+    fn a_target_that_is_not_seen_is_told_instead_of_an_old_error() {
+        let seen = ControlAnswer {
+            state: ControlState::Waiting as u32,
+            feature_error_px: 12.0,
+            target: TargetStatus::Found as u32,
+            ..ControlAnswer::default()
+        };
+        assert!(told(&seen).line().contains("feature error 12.000 px"));
+        for status in [TargetStatus::NoContrast, TargetStatus::NoPair] {
+            let line = told(&ControlAnswer { target: status as u32, ..seen }).line();
+            assert!(line.contains(&format!("no view of the target: {}", status.as_str())), "{line}");
+            assert!(!line.contains("feature error"), "{line}");
+        }
+    }
 }

@@ -13,6 +13,7 @@
 //! `shutdown` go by the stop word, which nothing can hold up.
 
 mod answer;
+mod own_requests;
 mod program;
 mod reach;
 mod record_stream;
@@ -38,6 +39,7 @@ use crate::control::lifecycle::Request;
 use crate::ipc::{Halt, Instance};
 use crate::messages::ControlCommand;
 use crate::process::{ProcessError, StopFlag};
+use own_requests::OwnRequests;
 use reach::AnswerTimeout;
 
 /// The longest wait for an answer, s. Chosen by hand: longer than any calibration takes, and a slip of the unit is refused.
@@ -55,6 +57,7 @@ pub struct Client {
     interrupted: StopFlag,
     /// Of which target the goals are that it sets: as in [`ControlCommand::target`].
     target: u32,
+    own: OwnRequests,
 }
 
 impl Client {
@@ -65,7 +68,8 @@ impl Client {
     pub fn connect(instance: &str) -> Result<Self, ProcessError> {
         let instance: Instance = instance.parse()?;
         reach::find(&instance)?;
-        Ok(Self { instance, timeout_s: USUAL_TIMEOUT_S, interrupted: StopFlag::default(), target: 0 })
+        let (interrupted, own) = (StopFlag::default(), OwnRequests::default());
+        Ok(Self { instance, timeout_s: USUAL_TIMEOUT_S, interrupted, target: 0, own })
     }
 
     /// The same with another longest wait for each answer, s.
@@ -163,7 +167,8 @@ impl Client {
         self.halt(Halt::Shutdown, Request::Shutdown)
     }
 
-    /// Waits until the run is as `what` says, for `timeout_s` at most.
+    /// Waits until the run is as `what` says, for `timeout_s` at most. `converged` is waited for at the goal that this client has set last, or else at the
+    /// present one, and the state `held` after a motion to a posture at that one: what another client asks for meanwhile ends the wait in vain.
     ///
     /// # Errors
     /// As for [`Self::status`], and when `timeout_s` is not more than 0 or longer than an hour.
@@ -180,7 +185,11 @@ impl Client {
         let patience = AnswerTimeout::begin(self.timeout_s, self.interrupted.clone());
         reach::find(&self.instance)?;
         let answer = reach::ask(&self.instance, command, &patience)?;
-        Ok(RunAnswer::of(&self.instance, request, &answer))
+        let answer = RunAnswer::of(&self.instance, request, &answer);
+        if let Some(request) = request {
+            self.own.note(request, &answer);
+        }
+        Ok(answer)
     }
 
     fn halt(&self, halt: Halt, request: Request) -> Result<RunAnswer, ProcessError> {

@@ -3,17 +3,21 @@
 //! ```text
 //! step ─► request ─► look every 100 ms ─► done ─► next step
 //!                     ├─ fault, time over, exit code ─► on_fault, then the end: failed
-//!                     └─ stopped or held by another client, interrupted ─► the arm holds, the end: stopped
+//!                     └─ stopped, held, moved or given another goal by another client, interrupted ─► the arm holds, the end: stopped
 //! ```
 
-use super::{Client, RunAnswer, wait};
+mod command;
+mod expected;
+
+use super::{Client, RunAnswer, WaitFor, wait};
 use crate::config::{FIRST_TARGET, Program, ProgramGoal, ProgramStep, StepAction, TargetGoal};
 use crate::control::lifecycle::Refusal;
 use crate::messages::ControlState;
 use crate::process::{ProcessError, StopFlag};
 use crate::rt::now;
 use crate::time::{MonoNs, SpanNs};
-use std::process::{Command, Stdio};
+use command::RunningCommand;
+use expected::{Expected, another_goal};
 
 /// How a program ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -24,7 +28,7 @@ pub enum ProgramOutcome {
     Failed,
     /// The arm has a fault.
     Fault,
-    /// Somebody stopped or held the arm, or interrupted the program.
+    /// Somebody stopped, held or moved the arm, set another goal, or interrupted the program.
     Stopped,
 }
 
@@ -63,13 +67,11 @@ fn stopped<T>(reason: impl Into<String>) -> Result<T, StepEnd> {
     Err(StepEnd::Ended(ProgramOutcome::Stopped, reason.into()))
 }
 
-/// What the program has the arm do, so that a request of somebody else is seen.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Expected {
-    Anything,
-    Moving,
-    Servoing,
-    Standing,
+/// When the time of a step is over, and which step's.
+#[derive(Debug, Clone, Copy)]
+struct Deadline<'p> {
+    at: MonoNs,
+    of: &'p str,
 }
 
 struct Runner<'a> {
@@ -161,28 +163,43 @@ impl Client {
 }
 
 impl Runner<'_> {
-    fn all(&mut self, steps: &[ProgramStep], until: Option<MonoNs>) -> Result<(), StepEnd> {
+    fn all<'p>(&mut self, steps: &'p [ProgramStep], until: Option<Deadline<'p>>) -> Result<(), StepEnd> {
         steps.iter().try_for_each(|step| self.one(step, until))
     }
 
-    fn one(&mut self, step: &ProgramStep, until: Option<MonoNs>) -> Result<(), StepEnd> {
+    fn one<'p>(&mut self, step: &'p ProgramStep, outer: Option<Deadline<'p>>) -> Result<(), StepEnd> {
         self.at.clone_from(&step.key);
-        let own = step.timeout_s.is_finite().then(|| now() + SpanNs::from_s(step.timeout_s));
-        let until = own.into_iter().chain(until).min();
+        in_time(outer)?;
+        let own = step
+            .timeout_s
+            .is_finite()
+            .then(|| Deadline { at: now() + SpanNs::from_s(step.timeout_s), of: &step.key });
+        let until = outer.into_iter().chain(own).min_by_key(|deadline| deadline.at);
         (self.tell)(&format!("{}: {}", step.key, words(&step.action)));
         if step.action != StepAction::Reset {
             self.look()?;
         }
         match &step.action {
             StepAction::Goto(_, q) => {
-                accepted(&self.client.goto(q)?)?;
-                self.expected = Expected::Moving;
-                self.until(until, |status| (status.state == ControlState::Held.as_str()).then_some(Ok(())))?;
-                self.expected = Expected::Standing;
+                let answer = self.client.goto(q)?;
+                accepted(&answer)?;
+                let request = answer.motion_request;
+                self.expected = Expected::Moving { request };
+                let stands = |status: &RunAnswer| status.state == ControlState::Held.as_str();
+                self.until(until, false, |status| stands(status).then_some(Ok(())))?;
+                self.expected = Expected::Standing { request };
             }
-            StepAction::Servo(_, goal, for_s) => self.servo(goal, *for_s, until)?,
-            StepAction::Wait(what) => self.until(until, |status| wait::verdict(*what, status))?,
-            StepAction::Pause(s) => self.pause(*s)?,
+            StepAction::Servo(_, goal, for_s) => {
+                self.servo(goal, until)?;
+                // The time of the step is for the way to the goal.
+                self.pause(*for_s, outer)?;
+            }
+            StepAction::Wait(what) => {
+                // A state may be waited for that somebody else brings about.
+                let by_anybody = matches!(what, WaitFor::Fault | WaitFor::State(_));
+                self.until(until, by_anybody, |status| wait::verdict(*what, status))?;
+            }
+            StepAction::Pause(s) => self.pause(*s, outer)?,
             StepAction::Call(command) => self.call(command, until)?,
             StepAction::Repeat(count, steps) => {
                 for round in 1..=*count {
@@ -207,24 +224,34 @@ impl Runner<'_> {
         Ok(())
     }
 
-    fn servo(&mut self, goal: &TargetGoal, for_s: f64, until: Option<MonoNs>) -> Result<(), StepEnd> {
+    fn servo(&mut self, goal: &TargetGoal, until: Option<Deadline<'_>>) -> Result<(), StepEnd> {
+        let mut own = self.expected.goal();
         if goal.goal != ProgramGoal::Present || goal.target.is_some() {
-            accepted(&self.client.goal_of_program(goal)?)?;
+            let answer = self.client.goal_of_program(goal)?;
+            accepted(&answer)?;
+            own = answer.goal;
+            self.expected = self.expected.with_goal(own);
         }
         use ControlState::{Holding, Returning, Servoing, Waiting};
         let status = self.client.status()?;
-        // An arm that was stopped since the last look is not started again.
-        self.judge(&status)?;
-        if ![Waiting, Servoing, Holding, Returning].iter().any(|going| going.as_str() == status.state) {
-            accepted(&self.client.start()?)?;
+        // An arm that was stopped since the last look is not started again, nor for a goal of somebody else.
+        self.expected.judge(&status)?;
+        let goal = own.or(status.goal);
+        if goal != status.goal {
+            return another_goal(&status);
         }
-        self.expected = Expected::Servoing;
-        self.until(until, |status| (status.at_goal == Some(true)).then_some(Ok(())))?;
-        self.pause(for_s)
+        let mut request = status.motion_request;
+        if ![Waiting, Servoing, Holding, Returning].iter().any(|going| going.as_str() == status.state) {
+            let answer = self.client.start()?;
+            accepted(&answer)?;
+            request = answer.motion_request;
+        }
+        self.expected = Expected::Servoing { request, goal };
+        self.until(until, false, |status| (status.at_goal == Some(true)).then_some(Ok(())))
     }
 
     /// Waits until a robot whose error a reset has cleared obeys again.
-    fn cleared(&mut self, answer: RunAnswer, until: Option<MonoNs>) -> Result<(), StepEnd> {
+    fn cleared(&mut self, answer: RunAnswer, until: Option<Deadline<'_>>) -> Result<(), StepEnd> {
         let mut newest = answer;
         if newest.waits_for.is_none() {
             return Ok(());
@@ -236,55 +263,55 @@ impl Runner<'_> {
         newest.fault.map_or(Ok(()), |fault| failed(format!("the robot has not cleared its error: {fault}")))
     }
 
-    fn pause(&mut self, s: f64) -> Result<(), StepEnd> {
+    fn pause(&mut self, s: f64, until: Option<Deadline<'_>>) -> Result<(), StepEnd> {
         let end = now() + SpanNs::from_s(s);
         while now() < end {
             self.look()?;
-            self.rest(None)?;
+            self.rest(until)?;
         }
         Ok(())
     }
 
-    fn call(&mut self, command: &[String], until: Option<MonoNs>) -> Result<(), StepEnd> {
+    fn call(&mut self, command: &[String], until: Option<Deadline<'_>>) -> Result<(), StepEnd> {
         let [program, arguments @ ..] = command else { return failed("no program") };
-        let mut child = match Command::new(program).args(arguments).stdin(Stdio::null()).spawn() {
-            Ok(child) => child,
+        let mut running = match RunningCommand::start(program, arguments) {
+            Ok(running) => running,
             Err(cause) => return failed(format!("cannot start `{program}`: {cause}")),
         };
-        let end = loop {
-            match child.try_wait() {
+        loop {
+            match running.ended() {
                 Ok(Some(status)) if status.success() => return Ok(()),
                 Ok(Some(status)) => return failed(format!("`{program}` ended with {status}")),
                 Ok(None) => {}
-                Err(cause) => break failed(format!("`{program}`: {cause}")),
+                Err(cause) => return failed(format!("`{program}`: {cause}")),
             }
-            if let Err(end) = self.look().and_then(|_| self.rest(until)) {
-                break Err(end);
-            }
-        };
-        let _ = child.kill(); // it may have ended meanwhile
-        let _ = child.wait();
-        end
+            self.look()?;
+            self.rest(until)?;
+        }
     }
 
-    /// Looks at the run until `over` says so.
+    /// Looks at the run until `over` says so; `by_anybody`: also where somebody else has brought that about.
     fn until(
         &mut self,
-        until: Option<MonoNs>,
+        until: Option<Deadline<'_>>,
+        by_anybody: bool,
         over: impl Fn(&RunAnswer) -> Option<Result<(), String>>,
     ) -> Result<(), StepEnd> {
         let mut told = String::new();
         loop {
             let status = self.client.status()?;
-            if let Some(Ok(())) = over(&status) {
+            let (judged, over) = (self.expected.judge(&status), over(&status));
+            if let Some(Ok(())) = over
+                && (by_anybody || judged.is_ok())
+            {
                 return Ok(());
             }
             if told != status.state {
                 status.state.clone_into(&mut told);
                 (self.tell)(&format!("{}: {}", self.at, status.line().trim_end()));
             }
-            self.judge(&status)?;
-            if let Some(Err(why)) = over(&status) {
+            judged?;
+            if let Some(Err(why)) = over {
                 return failed(why);
             }
             self.rest(until)?;
@@ -292,10 +319,8 @@ impl Runner<'_> {
     }
 
     /// The time between two looks, unless that is over.
-    fn rest(&self, until: Option<MonoNs>) -> Result<(), StepEnd> {
-        if until.is_some_and(|until| now() > until) {
-            return failed("its time is over (timeout_s)");
-        }
+    fn rest(&self, until: Option<Deadline<'_>>) -> Result<(), StepEnd> {
+        in_time(until)?;
         if self.client.interrupted.is_requested_within(wait::LOOK_AGAIN) {
             return stopped("interrupted");
         }
@@ -304,25 +329,14 @@ impl Runner<'_> {
 
     /// Looks whether the run is as the program expects it.
     fn look(&self) -> Result<(), StepEnd> {
-        self.judge(&self.client.status()?)
+        self.expected.judge(&self.client.status()?)
     }
+}
 
-    fn judge(&self, status: &RunAnswer) -> Result<(), StepEnd> {
-        use ControlState::{Fault, Held, Idle, Servoing, Stopped, Stopping};
-        let is = |state: ControlState| status.state == state.as_str();
-        let by_somebody =
-            |what: &str| stopped(format!("the arm was {what} by somebody else: it is {}", status.state));
-        match self.expected {
-            _ if is(Fault) => Err(StepEnd::Ended(ProgramOutcome::Fault, status.state_in_words())),
-            Expected::Moving | Expected::Servoing | Expected::Standing
-                if is(Idle) || is(Stopping) || is(Stopped) =>
-            {
-                by_somebody("stopped")
-            }
-            Expected::Servoing if is(Held) => by_somebody("held"),
-            Expected::Standing if is(Servoing) => by_somebody("started"),
-            _ => Ok(()),
-        }
+fn in_time(until: Option<Deadline<'_>>) -> Result<(), StepEnd> {
+    match until {
+        Some(Deadline { at, of }) if now() > at => failed(format!("its time is over (timeout_s of {of})")),
+        _ => Ok(()),
     }
 }
 

@@ -55,7 +55,10 @@ impl Client {
     pub fn goal_named(&self, name: &str) -> Result<RunAnswer, ProcessError> {
         let raw: RawNamedGoal = self.named("goals", name)?;
         match raw.checked() {
-            Some(goal) => self.goal_of_program(&goal),
+            Some(goal) => self.goal_of_program(&goal).map_err(|error| match error {
+                ProcessError::NoCommand(why) => ProcessError::NoCommand(format!("goals.{name}: {why}")),
+                other => other,
+            }),
             None => Err(ProcessError::NoCommand(format!("`{name}` of the run file is no goal"))),
         }
     }

@@ -69,6 +69,8 @@ impl VelocityStream {
         reach::find(instance)?;
         let patience = AnswerTimeout::begin(*timeout_s, interrupted.clone());
         let answer = self.asking.ask(command, &patience)?;
-        Ok(RunAnswer::of(instance, Some(Request::Velocity), &answer))
+        let answer = RunAnswer::of(instance, Some(Request::Velocity), &answer);
+        self.client.own.note(Request::Velocity, &answer);
+        Ok(answer)
     }
 }

@@ -46,7 +46,7 @@ pub struct WaitEnd {
 
 pub(super) fn wait(client: &Client, what: WaitFor, timeout_s: f64) -> Result<WaitEnd, ProcessError> {
     let until = now() + SpanNs::from_s(timeout_s);
-    let mut last: Option<RunAnswer> = None;
+    let (mut last, mut awaited): (Option<RunAnswer>, _) = (None, None);
     loop {
         let status = match client.status() {
             Ok(status) => status,
@@ -57,13 +57,19 @@ pub(super) fn wait(client: &Client, what: WaitFor, timeout_s: f64) -> Result<Wai
             Err(error) => return Err(error),
         };
         let ended = |is_reached, reason, status| Ok(WaitEnd { is_reached, reason, status: Some(status) });
-        match verdict(what, &status) {
+        let awaited = *awaited.get_or_insert_with(|| client.own.awaited(what, &status));
+        let verdict = verdict(what, &status);
+        if !matches!(verdict, Some(Err(_)))
+            && let Some(why) = awaited.overtaken(&status)
+        {
+            client.own.forget();
+            return ended(false, why, status);
+        }
+        match verdict {
             Some(Ok(())) => return ended(true, status.state.to_owned(), status),
             Some(Err(why)) => return ended(false, why, status),
             None if now() > until => {
-                let error =
-                    status.feature_error_px.map_or(String::new(), |px| format!(", feature error {px:.3} px"));
-                let reason = format!("still {} after {timeout_s} s{error}", status.state);
+                let reason = format!("still {} after {timeout_s} s{}", status.state, status.view_in_words());
                 return ended(false, reason, status);
             }
             None => last = Some(status),

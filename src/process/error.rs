@@ -62,8 +62,21 @@ pub enum ProcessError {
         waited_s: f64,
     },
     /// A run file without a camera that could be looked at.
-    #[error("camera.source: is no camera of this machine: set it to \"v4l2\", or name one with --device")]
-    NoRealCamera,
+    #[error("camera.source: is no camera of this machine: set it to {instead}")]
+    NoRealCamera {
+        /// What would be one.
+        instead: &'static str,
+    },
+    /// The program of an external camera was over before it had given anything.
+    #[error(
+        "camera.external.command: `{program}` ended with {status} before it gave an image; what it said stands above"
+    )]
+    CameraProgramEnded {
+        /// The program.
+        program: String,
+        /// How it ended.
+        status: std::process::ExitStatus,
+    },
     /// A run file without a drive that could be checked.
     #[error("drive.kind: is no program of its own: set it to \"external\", or name the program after --")]
     NoExternalDrive,
@@ -375,7 +388,7 @@ impl ProcessError {
             | Self::Source(_)
             | Self::NoSuchCamera { .. }
             | Self::OneVision { .. }
-            | Self::NoRealCamera
+            | Self::NoRealCamera { .. }
             | Self::NoExternalDrive
             | Self::Robot(_)
             | Self::Assemble(_)
@@ -404,6 +417,7 @@ impl ProcessError {
             | Self::NoTerminal
             | Self::NoReport(_) => 2,
             Self::NoFrame { .. }
+            | Self::CameraProgramEnded { .. }
             | Self::NothingTaught { .. }
             | Self::NobodyThere(_)
             | Self::NotYourRun { .. }

@@ -10,6 +10,7 @@ const MAX_GAP: u32 = 1 << 20;
 pub(super) struct SequenceCount {
     last: Option<u32>,
     number: u64,
+    stands: bool,
 }
 
 impl SequenceCount {
@@ -17,6 +18,7 @@ impl SequenceCount {
     /// or begins anew goes on by one.
     pub(super) fn number(&mut self, raw: u32) -> u64 {
         let first = self.last.is_none() && self.number == 0;
+        self.stands = self.last.is_some_and(|last| !(1..=MAX_GAP).contains(&raw.wrapping_sub(last)));
         let step = match self.last.map(|last| raw.wrapping_sub(last)) {
             Some(step @ 1..=MAX_GAP) => u64::from(step),
             Some(_) => 1,
@@ -25,6 +27,11 @@ impl SequenceCount {
         self.number += step;
         self.last = Some(raw);
         self.number
+    }
+
+    /// Whether the last frame had a number that does not go on from the one before.
+    pub(super) fn stands(&self) -> bool {
+        self.stands
     }
 
     /// A new stream begins: what was lost meanwhile nobody knows.
@@ -140,7 +147,14 @@ mod tests {
     fn gaps_count_and_wraps_do_not() {
         let mut count = SequenceCount::default();
         let raw = [u32::MAX - 2, u32::MAX - 1, 0, 1, 5, 5, 5, 2, 3];
-        assert_eq!(raw.map(|n| count.number(n)), [0, 1, 3, 4, 8, 9, 10, 11, 12]);
+        let mut stands = Vec::new();
+        let numbers = raw.map(|n| {
+            let number = count.number(n);
+            stands.push(count.stands());
+            number
+        });
+        assert_eq!(numbers, [0, 1, 3, 4, 8, 9, 10, 11, 12]);
+        assert_eq!(stands, [false, false, false, false, false, true, true, true, false]);
         count.restart();
         assert_eq!([700, 701].map(|n| count.number(n)), [13, 14]);
     }

@@ -226,6 +226,32 @@ impl<L: ImageLink> ExternalCamera<L> {
         }
     }
 
+    /// What a header says against the contract, of an image that is used all the same.
+    fn look_at_header(&mut self, h: &ImageHeader) {
+        let longest_ns = (1.0 + RATE_OFF) * SpanNs::from_s(1.0 / self.asked_hz).0 as f64;
+        // Another program begins a count of its own.
+        let stands = self.sequence.stands() && !self.health.state.is_away();
+        let odd = &mut self.health.odd_headers;
+        for (count, is_odd, why) in [
+            (&mut odd.sequence, stands, "numbers that stand still, go back or leap"),
+            (
+                &mut odd.exposure,
+                h.exposure_span_ns as f64 > longest_ns,
+                "exposures that are longer than a period",
+            ),
+            (
+                &mut odd.reserved,
+                h.flags != 0 || h.reserved != 0,
+                "flags or reserved fields that are not zero",
+            ),
+        ] {
+            *count += u64::from(is_odd);
+            if is_odd && *count == 1 {
+                warn!("external camera: its images have {why}");
+            }
+        }
+    }
+
     fn note_rate(&mut self, mid: MonoNs, sequence: u64) {
         if !self.rate.note(mid, sequence) {
             return;
@@ -247,6 +273,7 @@ impl<L: ImageLink> ExternalCamera<L> {
         // The count wraps after four thousand million images, as those of drivers do.
         let sequence = self.sequence.number(h.sequence as u32);
         self.last_image = arrival;
+        self.look_at_header(&h);
         let Some(mid) = self.date(&h, arrival) else { return Ok(None) };
         self.note_rate(mid, sequence);
         let span = match i64::try_from(h.exposure_span_ns) {

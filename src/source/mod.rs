@@ -232,6 +232,19 @@ pub struct SourceHealth {
     pub stamps_are_doubted: bool,
     /// Whether it gives fewer frames than it was asked for.
     pub rate_is_missed: bool,
+    /// Of an external camera: what its headers say against the contract, though their images are used.
+    pub odd_headers: OddHeaders,
+}
+
+/// Images whose headers have values that no camera can mean.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize)]
+pub struct OddHeaders {
+    /// Their numbers stand still, go back or leap: images that were lost before them are not seen.
+    pub sequence: u64,
+    /// Their exposures are longer than a period.
+    pub exposure: u64,
+    /// They set what is kept for later versions.
+    pub reserved: u64,
 }
 
 impl Default for SourceHealth {
@@ -248,6 +261,7 @@ impl Default for SourceHealth {
             rate_hz: None,
             stamps_are_doubted: false,
             rate_is_missed: false,
+            odd_headers: OddHeaders::default(),
         }
     }
 }

@@ -116,6 +116,22 @@ fn another_size_and_a_foreign_clock_are_told() {
     assert!(all_wrongs(&answer).contains("its stamps cannot be used"), "{answer}");
 }
 
+/// A program that has stopped, or was never there, is told as that.
+#[test]
+fn a_camera_that_stops_is_told_with_what_is_lost() {
+    let (output, answer) = checked("camexit", &camera("exit"));
+    assert_eq!(output.status.code(), Some(3), "{answer}");
+    assert!(all_wrongs(&answer).contains("it has stopped: it is unplugged"), "{answer}");
+    assert!(number(&answer, &["lost"]) > 10.0 && number(&answer, &["silent"]) > 10.0, "{answer}");
+    let (output, _) = checked("camfalse", &settings(&["false"]));
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(5), "{said}");
+    assert!(said.contains("`false` ended with exit status: 1 before it gave an image"), "{said}");
+    let output = vservo().args(["camera", "check", "ur5"]).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(said.contains("set it to \"external\" or") && !said.contains("--device"), "{said}");
+}
+
 /// A run whose camera program ends, ends; one whose program is silent ends after `give_up_s`, and says why.
 #[test]
 fn death_and_silence_end_a_run() {

@@ -5,7 +5,8 @@
 use crate::common::{Lines, vservo, wait_until};
 use crate::serve::Daemon;
 use std::process::{Child, Command, Stdio};
-use vservo::client::Client;
+use vservo::client::{Client, WaitFor};
+use vservo::geometry::Pose;
 
 #[allow(missing_docs, unreachable_pub)] // it is a program of its own
 #[path = "../../examples/pick_and_place.rs"]
@@ -143,6 +144,11 @@ fn a_program_ends_where_a_step_fails_or_somebody_stops_it() {
     assert_eq!(code, Some(5), "{told}");
     assert!(told.contains("failed at steps[1]: its time is over"), "{told}");
     daemon.wait_for("held");
+    // All rounds together, pauses included.
+    let text = "[[steps]]\nrepeat = 1000\ntimeout_s = 0.5\nsteps = [{ wait_s = 0.2 }]\n";
+    let (code, _, told) = done(&daemon, &written(&folder, text));
+    assert_eq!(code, Some(5), "{told}");
+    assert!(told.contains("its time is over (timeout_s of steps[0])"), "{told}");
 
     // Somebody stops the arm: the program ends, and does not start it again.
     let text = "[[steps]]\nrepeat = 1000\nsteps = [{ servo = \"present\" }, { wait_s = 0.2 }]\n";
@@ -177,6 +183,61 @@ fn a_fault_leads_to_what_the_program_has_for_it() {
     assert_eq!(code, Some(4), "{told}");
     assert!(told.contains("fault at steps[0]") && told.contains("max_tracking_error"), "{told}");
     wait_until("the fault to be cleared", || daemon.state() == "idle");
+    daemon.accepts("shutdown");
+    assert_eq!(daemon.ended().0, Some(0));
+}
+
+/// A goal, a posture or a motion of another client is not taken for the program's own, and the step after it is not done.
+#[test]
+fn goals_and_motions_of_others_end_a_program() {
+    let folder = tempfile::tempdir().unwrap();
+    let daemon = Daemon::start("do-others", &["--clock", "lockstep"]);
+    let other = Client::connect(&daemon.instance.name).unwrap();
+    let goals = "[goals.pick]\nposition_m = [-0.1, 0.1, 0.6]\nrotation_rpy_deg = [0, 0, -60]\n";
+    let postures = "[postures.home]\nq_rad_or_m = [0.1, 1.5, 0.45, -0.7]\n";
+    let waits = "[[steps]]\nwait_s = 1000\n[[steps]]\ncall = [\"echo\", \"gripper closes\"]\n";
+    let pose = Pose::from_parts(
+        nalgebra::Translation3::new(-0.05, -0.05, 0.5),
+        nalgebra::UnitQuaternion::identity(),
+    );
+    let ended = |step: &str, does: &dyn Fn(), why: &str| {
+        let text = format!("{goals}{postures}[[steps]]\n{step}\n{waits}");
+        let (mut child, mut lines) = begun(&daemon, &written(&folder, &text));
+        lines.wait_for("wait 1000 s");
+        does();
+        let line = lines.wait_for("stopped at steps[1]");
+        assert!(line.contains(why), "{line}");
+        assert_eq!(child.wait().unwrap().code(), Some(6));
+        daemon.wait_for("held");
+    };
+    let accepted = |answer: vservo::client::RunAnswer| assert!(answer.accepted, "{answer:?}");
+    ended(
+        "servo = \"pick\"",
+        &|| accepted(other.goal_pose(&pose).unwrap()),
+        "another goal was set by somebody else",
+    );
+    ended(
+        "goto = \"home\"",
+        &|| accepted(other.jog_joints(&[0.05, 0.0, 0.0, 0.0]).unwrap()),
+        "taken over by somebody else",
+    );
+    ended("servo = \"pick\"", &|| accepted(other.goto(&[0.1, 1.5, 0.45, -0.7]).unwrap()), "by somebody else");
+
+    // A client of the library waits for its own goal and for its own posture.
+    let own = Client::connect(&daemon.instance.name).unwrap();
+    accepted(own.goal_pose(&pose).unwrap());
+    accepted(other.goal_pose(&pose).unwrap());
+    accepted(own.start().unwrap());
+    let end = own.wait(WaitFor::Converged, 60.0).unwrap();
+    assert!(!end.is_reached && end.reason.contains("another goal was set"), "{end:?}");
+    assert!(own.wait(WaitFor::Converged, 60.0).unwrap().is_reached, "it knows now");
+    let held = WaitFor::State(vservo::messages::ControlState::Held);
+    accepted(own.goto(&[0.3, 1.2, 0.4, -0.2]).unwrap());
+    accepted(other.jog_joints(&[0.01, 0.0, 0.0, 0.0]).unwrap());
+    let end = own.wait(held, 60.0).unwrap();
+    assert!(!end.is_reached && end.reason.contains("somebody else"), "{end:?}");
+    accepted(own.goto(&[0.1, 1.5, 0.45, -0.7]).unwrap());
+    assert!(own.wait(held, 60.0).unwrap().is_reached);
     daemon.accepts("shutdown");
     assert_eq!(daemon.ended().0, Some(0));
 }

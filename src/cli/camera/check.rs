@@ -19,6 +19,9 @@ use std::process::{Child, Command, Stdio};
 /// Longest wait for the first image of a program. Chosen by hand: one in Python takes seconds to load its libraries.
 const FIRST_IMAGE: SpanNs = SpanNs(15_000_000_000);
 
+const NOTHING_TO_CHECK: ProcessError =
+    ProcessError::NoRealCamera { instead: "\"external\" or \"v4l2\", with the table of that name" };
+
 /// The answer, for programs.
 #[derive(Debug, Serialize)]
 struct CheckedSource {
@@ -34,10 +37,12 @@ pub(super) fn check(arguments: &CameraCheckArguments) -> Result<u8, ProcessError
     let config = seen_by(arguments.camera, config)?;
     let stop = StopFlag::on_signals()?;
     let measured = match &config.camera.source {
-        Source::Synthetic { .. } | Source::Replay { .. } => return Err(ProcessError::NoRealCamera),
+        Source::Synthetic { .. } | Source::Replay { .. } => return Err(NOTHING_TO_CHECK),
         Source::V4l2(_) => match source::open(&config)? {
-            AnySource::FreeRunning(mut camera) => measure(&config, camera.as_mut(), arguments, &stop)?,
-            AnySource::Scheduled(_) => return Err(ProcessError::NoRealCamera),
+            AnySource::FreeRunning(mut camera) => {
+                measure(&config, camera.as_mut(), &mut CheckedProgram::default(), (arguments, &stop))?
+            }
+            AnySource::Scheduled(_) => return Err(NOTHING_TO_CHECK),
         },
         Source::External(program) => external(&config, program, arguments, &stop)?,
     };
@@ -64,8 +69,8 @@ fn external(
     let services = membership.services();
     let link = SharedImages { ports: services.image_ports(id)?, services };
     let mut camera = source::open_external(config, link);
-    let started = CheckedProgram::start(program, &instance, id)?;
-    let measured = measure(config, camera.as_mut(), arguments, stop);
+    let mut started = CheckedProgram::start(program, &instance, id)?;
+    let measured = measure(config, camera.as_mut(), &mut started, (arguments, stop));
     drop(started);
     drop(camera);
     drop(membership);
@@ -73,12 +78,13 @@ fn external(
     measured
 }
 
-/// The program of an external camera while it is measured; ended when dropped.
-struct CheckedProgram(Option<Child>);
+/// The program of an external camera while it is measured, if it was started here; ended when dropped.
+#[derive(Debug, Default)]
+struct CheckedProgram(Option<(String, Child)>);
 
 impl CheckedProgram {
     fn start(program: &CameraProgram, instance: &Instance, camera: CameraId) -> Result<Self, ProcessError> {
-        let [name, arguments @ ..] = program.command.as_slice() else { return Ok(Self(None)) };
+        let [name, arguments @ ..] = program.command.as_slice() else { return Ok(Self::default()) };
         let failed = |cause| ProcessError::ForeignProgram {
             key: "camera.external.command",
             program: name.clone(),
@@ -95,13 +101,20 @@ impl CheckedProgram {
             .stdout(std::io::stderr().as_fd().try_clone_to_owned().map_err(failed)?)
             .spawn()
             .map_err(failed)?;
-        Ok(Self(Some(child)))
+        Ok(Self(Some((name.clone(), child))))
+    }
+
+    /// The error that it has ended, and how; `None` while it runs.
+    fn ended(&mut self) -> Option<ProcessError> {
+        let (program, child) = self.0.as_mut()?;
+        let status = child.try_wait().ok().flatten()?;
+        Some(ProcessError::CameraProgramEnded { program: program.clone(), status })
     }
 }
 
 impl Drop for CheckedProgram {
     fn drop(&mut self) {
-        if let Some(child) = &mut self.0 {
+        if let Some((_, child)) = &mut self.0 {
             let _ = child.kill();
             let _ = child.wait();
         }
@@ -111,8 +124,8 @@ impl Drop for CheckedProgram {
 fn measure(
     config: &Config,
     camera: &mut dyn FreeRunningSource,
-    arguments: &CameraCheckArguments,
-    stop: &StopFlag,
+    program: &mut CheckedProgram,
+    (arguments, stop): (&CameraCheckArguments, &StopFlag),
 ) -> Result<SourceCheck, ProcessError> {
     let i = config.camera.model.intrinsics();
     let pixels = i.width_px as usize * i.height_px as usize;
@@ -124,12 +137,19 @@ fn measure(
     };
     while !stop.is_requested() {
         let first = probe.frames() == 0;
+        // Looked for before: the last image of one that has ended may wait.
+        let ended = program.ended();
         probe.take(camera, &mut now)?;
         let past = now() - begin;
         match (first, probe.frames() == 0) {
             (true, false) => begin = now(),
-            (true, true) if past > FIRST_IMAGE => return Err(none(past)),
-            (false, _) if past > duration => break,
+            (true, true) => match ended {
+                Some(ended) => return Err(ended),
+                None if past > FIRST_IMAGE => return Err(none(past)),
+                None => {}
+            },
+            // What gives nothing any more is not measured to the end.
+            (false, _) if past > duration || ended.is_some() && camera.health().state.is_away() => break,
             _ => {}
         }
     }
@@ -146,14 +166,46 @@ fn wrongs(c: &SourceCheck, config: &Config) -> Vec<String> {
     };
     let (expected, camera) = (c.frames + c.lost, &config.camera);
     let elsewhere = c.lost.saturating_sub(c.corrupt + c.superseded + c.undated);
+    let silent = c.silent.min(elsewhere);
     say(
         c.lost > 0,
         format!(
             "{} of {expected} frames were lost: {} damaged or of another kind, {} together with a newer one, {} without a \
-             possible stamp, {elsewhere} missing in the source's own count",
-            c.lost, c.corrupt, c.superseded, c.undated
+             possible stamp, {} missing in the source's own count, {silent} in a silence at the end",
+            c.lost,
+            c.corrupt,
+            c.superseded,
+            c.undated,
+            elsewhere - silent
         ),
     );
+    if let Some(away) = c.away {
+        let s = c.silent as f64 / c.asked_hz;
+        say(
+            true,
+            format!(
+                "it has stopped: it is {away}, and gave no usable frame for the last {s:.1} of {:.1} s",
+                c.duration_s
+            ),
+        );
+    }
+    let odd = &c.odd_headers;
+    for (count, why) in [
+        (
+            odd.sequence,
+            "a `sequence` that stands still, goes back or leaps, by which lost images are not seen: it counts exposures",
+        ),
+        (
+            odd.exposure,
+            "an `exposure_span_ns` longer than a period: it is the length of the exposure in ns, or 0",
+        ),
+        (
+            odd.reserved,
+            "`flags` or `reserved` that are not zero, which a later version may give a meaning: set them to 0",
+        ),
+    ] {
+        say(count > 0, format!("{count} images have {why}"));
+    }
     say(
         // chosen by hand, as a running camera tells it
         (c.obtained_hz - c.asked_hz).abs() > 0.05 * c.asked_hz,

@@ -63,7 +63,7 @@ pub struct ProgramStep {
     pub key: String,
     /// What it does.
     pub action: StepAction,
-    /// How long it may take, s.
+    /// How long it may take, s; of `servo`, until the goal is reached.
     pub timeout_s: f64,
 }
 
@@ -225,8 +225,15 @@ impl ProgramReader<'_> {
                 self.wrong(&format!("{key}.{name}"), format!("goes with {belongs}, not with {word}"));
             }
         }
-        // Repeated steps have times of their own.
-        let usual = if word == "repeat" { f64::INFINITY } else { USUAL_TIMEOUT_S };
+        if word == "wait_s" && raw.timeout_s.is_some() {
+            self.wrong(
+                &format!("{key}.timeout_s"),
+                "does not go with wait_s, which says itself how long it takes".into(),
+            );
+        }
+        // Repeated steps have times of their own, and a pause takes the time that it says.
+        let has_own = ["repeat", "wait_s"].contains(&word);
+        let usual = if has_own { f64::INFINITY } else { USUAL_TIMEOUT_S };
         let timeout_s = raw.timeout_s.map_or(usual, |s| self.within(&format!("{key}.timeout_s"), s, &TIME_S));
         let at = format!("{key}.{word}");
         let action = match word {
@@ -345,6 +352,17 @@ mod tests {
         assert_eq!((name.as_str(), *for_s, inner[0].timeout_s), ("pick", 1.0, 7.0));
         assert!((X_DO.rotation.angle().to_degrees() - 90.0).abs() < 1e-9);
         assert_eq!((program.on_fault[0].action.clone(), program.all_steps().len()), (StepAction::Reset, 5));
+    }
+
+    #[test]
+    fn a_pause_and_a_repetition_have_no_time_of_their_own() {
+        let of = |text: &str| parse(text).unwrap().steps[0].timeout_s;
+        assert_eq!(of("[[steps]]\nwait_s = 40\n"), f64::INFINITY, "longer than other steps may take");
+        assert_eq!(of("[[steps]]\nrepeat = 2\nsteps = [{ wait_s = 1 }]\n"), f64::INFINITY);
+        assert_eq!(of("[[steps]]\nrepeat = 2\ntimeout_s = 3\nsteps = [{ wait_s = 1 }]\n"), 3.0);
+        assert_eq!(of("[[steps]]\ncall = [\"true\"]\n"), USUAL_TIMEOUT_S);
+        let told = parse("[[steps]]\nwait_s = 5\ntimeout_s = 2\n").unwrap_err();
+        assert!(told.contains("p.toml:3:1: steps[0].timeout_s: does not go with wait_s"), "{told}");
     }
 
     #[test]

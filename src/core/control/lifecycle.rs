@@ -268,8 +268,7 @@ impl Refusal {
             Self::NotReady => "the run is still starting: it waits for its external drive",
             Self::UnknownCamera => "a goal is for camera 0 of a run with one; two keep those of the run file",
             Self::WrongNumbers => {
-                "its numbers are none that this run takes: a posture needs one for each joint, a velocity one for each joint or six of the camera and \
-                 the time for which it holds (0.01 to 1 s), and all must be finite and within the bounds: a gain 0.001 to 100 1/s, a tolerance 0.000001 to 100 px, a hold 0 to 60 s, a velocity at most 30 rad/s or m/s, a position within 100 m with a quaternion of length 1, a feature within 57"
+                "its numbers are none that this run takes: a posture needs one for each joint, a velocity one for each joint or six of the camera and the time for which it holds (0.01 to 1 s), and all must be finite and within the bounds: a gain 0.001 to 100 1/s, a tolerance 0.000001 to 100 px, a hold 0 to 60 s, a velocity at most 30 rad/s or m/s, a position within 100 m with a quaternion of length 1, a feature within 57"
             }
             Self::TooSmall => "the target would be smaller than 8 px at that goal: is it given in m?",
             Self::FromBehind => {
@@ -448,3 +447,4 @@ impl State {
 
 #[cfg(test)]
 mod tests;
+mod wrong_numbers;

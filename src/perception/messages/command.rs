@@ -116,7 +116,7 @@ impl ControlCommand {
 }
 
 record! {
-    "vservo.ControlAnswer.v9",
+    "vservo.ControlAnswer.v10",
     /// The answer to a request, with the state of the run.
     #[derive(Debug, Clone, Copy, PartialEq)]
     pub struct ControlAnswer {
@@ -154,6 +154,9 @@ record! {
         pub contact_joint: u32,
         /// Number of the control tick.
         pub tick: u64,
+        /// Number of the last accepted request that decides what the arm does, all but `goal` and `set`; 0 before the first. Who finds another one than
+        /// in the answer to its own request was overtaken by another client.
+        pub motion_request: u64,
         /// Time since the first tick, s.
         pub time_s: f64,
         /// Root mean square feature error, px; NaN before the first measurement.
@@ -205,6 +208,7 @@ impl Default for ControlAnswer {
             target_number: 0,
             contact_joint: 0,
             tick: 0,
+            motion_request: 0,
             time_s: 0.0,
             feature_error_px: f64::NAN,
             position_error_m: f64::NAN,
@@ -250,12 +254,12 @@ mod tests {
     #[allow(unsafe_code)]
     fn layouts_are_fixed_and_named() {
         assert_eq!((size_of::<ControlCommand>(), align_of::<ControlCommand>()), (1304, 8));
-        assert_eq!((size_of::<ControlAnswer>(), align_of::<ControlAnswer>()), (2064, 8));
+        assert_eq!((size_of::<ControlAnswer>(), align_of::<ControlAnswer>()), (2072, 8));
         assert_eq!((offset_of!(ControlCommand, ids), offset_of!(ControlCommand, values)), (24, 280));
         assert_eq!(offset_of!(ControlAnswer, tick), 64);
-        assert_eq!(offset_of!(ControlAnswer, q), 152);
+        assert_eq!(offset_of!(ControlAnswer, q), 160);
         // SAFETY: the names are only read.
         let names = unsafe { (ControlCommand::type_name(), ControlAnswer::type_name()) };
-        assert_eq!(names, ("vservo.ControlCommand.v3", "vservo.ControlAnswer.v9"));
+        assert_eq!(names, ("vservo.ControlCommand.v3", "vservo.ControlAnswer.v10"));
     }
 }

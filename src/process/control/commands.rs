@@ -259,11 +259,17 @@ impl Commands {
         let refusal = answered.refusal.map_or(0, |refusal| refusal as u32);
         // What is accepted is an event, and logged as such.
         if let Some(refusal) = answered.refusal {
-            let word = Request::from_code(command.request).map_or("?", Request::as_str);
-            info!(request = word, refusal = refusal as u32, "{word} was refused: {}", refusal.describe());
+            let request = Request::from_code(command.request);
+            let word = request.map_or("?", Request::as_str);
+            let why = request.map_or(refusal.describe(), |request| refusal.describe_for(request));
+            info!(request = word, refusal = refusal as u32, "{word} was refused: {why}");
         }
         // The trace of that tick may come later than the next question.
         self.standing.state = answered.state as u32;
+        let decides = ![Request::Goal, Request::Set].iter().any(|request| command.request == *request as u32);
+        if refusal == 0 && decides {
+            self.standing.motion_request = number;
+        }
         // A reset that was accepted and is not done waits for the robot.
         let waits =
             command.request == Request::Reset as u32 && refusal == 0 && answered.state == ControlState::Fault;

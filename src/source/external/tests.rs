@@ -2,6 +2,8 @@
 
 use super::*;
 use crate::config::Config;
+use crate::source::OddHeaders;
+use crate::source::v4l2::{Probe, SourceCheck};
 use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::rc::Rc;
@@ -306,4 +308,73 @@ fn the_region_is_cut_out_of_whole_images() {
     let wanted: f64 = 0.114 * 10.0 + 0.587 * 100.0 + 0.299 * 200.0;
     assert!((f64::from(out[0]) - wanted).abs() <= 1.0, "{} for {wanted}", out[0]);
     assert!(out[1..].iter().all(|level| *level == 0));
+}
+
+/// Everything that comes until the script is empty, and `silence_s` more, as a check of the camera measures it.
+fn checked(bench: &mut ImageBench, silence_s: f64) -> SourceCheck {
+    let script = bench.script.clone();
+    let mut now = || MonoNs(script.borrow().now);
+    let mut probe = Probe::new(25.0, PIXELS, now());
+    while !script.borrow().waiting.is_empty() {
+        let _ = probe.take(&mut bench.camera, &mut now).unwrap();
+    }
+    let end = now() + SpanNs::from_s(silence_s);
+    while now() < end {
+        assert!(probe.take(&mut bench.camera, &mut now).unwrap().is_none());
+    }
+    probe.check(&bench.camera.health(), now()).unwrap()
+}
+
+#[test]
+fn frames_that_do_not_come_at_the_end_are_lost_in_a_check() {
+    let whole = |bench: &mut ImageBench| bench.gives_good(START, 0, 30);
+    let mut good = ImageBench::new(&[]);
+    whole(&mut good);
+    let check = checked(&mut good, 0.04);
+    assert_eq!((check.frames, check.lost, check.silent, check.away), (30, 0, 0, None));
+    for (sender, away) in [(true, "stalled"), (false, "unplugged")] {
+        let mut bench = ImageBench::new(&[]);
+        whole(&mut bench);
+        bench.script.borrow_mut().sender = sender;
+        let check = checked(&mut bench, 4.0);
+        assert_eq!((check.frames, check.away), (30, Some(away)));
+        assert!((check.lost as i64 - 100).abs() <= 1 && check.lost == check.silent, "{check:?}");
+        assert!((check.duration_s - (29.0 * 0.04 + 4.0)).abs() < 0.1, "{check:?}");
+    }
+    // Such as are of another size, and nothing else.
+    let mut bench = ImageBench::new(&[]);
+    let next = whole(&mut bench);
+    for k in 0..50 {
+        bench.gives(
+            next + k * PERIOD,
+            ImageHeader { width_px: 320, ..header(30 + k as u64) },
+            vec![0; PIXELS],
+        );
+    }
+    let check = checked(&mut bench, 0.0);
+    assert_eq!((check.frames, check.corrupt, check.away), (30, 50, Some("stalled")));
+    assert!((50..=51).contains(&check.lost), "{check:?}");
+}
+
+#[test]
+fn headers_that_no_camera_can_mean_are_counted() {
+    let odd_of = |change: fn(ImageHeader) -> ImageHeader| {
+        let mut bench = ImageBench::new(&[]);
+        for k in 0..10 {
+            bench.gives(START + k * PERIOD, change(header(k as u64)), vec![0; PIXELS]);
+        }
+        assert_eq!(bench.play().len(), 10, "they are used");
+        bench.camera.health().odd_headers
+    };
+    assert_eq!(odd_of(|h| ImageHeader { exposure_span_ns: PERIOD as u64, ..h }), OddHeaders::default());
+    assert_eq!(
+        odd_of(|h| ImageHeader { sequence: 5, ..h }),
+        OddHeaders { sequence: 9, ..OddHeaders::default() }
+    );
+    let exposure = OddHeaders { exposure: 10, ..OddHeaders::default() };
+    assert_eq!(odd_of(|h| ImageHeader { exposure_span_ns: u64::MAX, ..h }), exposure);
+    assert_eq!(odd_of(|h| ImageHeader { exposure_span_ns: 2 * PERIOD as u64, ..h }), exposure);
+    let reserved = OddHeaders { reserved: 10, ..OddHeaders::default() };
+    assert_eq!(odd_of(|h| ImageHeader { flags: 7, ..h }), reserved);
+    assert_eq!(odd_of(|h| ImageHeader { reserved: 9, ..h }), reserved);
 }

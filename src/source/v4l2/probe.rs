@@ -3,7 +3,7 @@
 use super::node::NodeInfo;
 use super::{CaptureFacts, FourCc, V4l2Camera};
 use crate::source::stamp::StampClock;
-use crate::source::{Captured, Filled, FreeRunningSource, SourceError, SourceHealth};
+use crate::source::{Captured, Filled, FreeRunningSource, OddHeaders, SourceError, SourceHealth};
 use crate::time::{MonoNs, SpanNs};
 use serde::Serialize;
 use std::path::PathBuf;
@@ -96,7 +96,7 @@ pub struct SourceCheck {
     pub obtained_hz: f64,
     /// Frames that were usable.
     pub frames: u64,
-    /// Frames that were not, by the source's own count.
+    /// Frames that were not, by the source's own count and by the silence at the end.
     pub lost: u64,
     /// Damaged ones: of another size or format, or too short.
     pub corrupt: u64,
@@ -104,13 +104,19 @@ pub struct SourceCheck {
     pub superseded: u64,
     /// Such as had no possible stamp.
     pub undated: u64,
+    /// Such as should have come after the last one, where the source is silent at the end; by the rate of the run file.
+    pub silent: u64,
+    /// What the source is at the end, where it gives no frames any more.
+    pub away: Option<&'static str>,
+    /// Frames whose headers say what no camera can mean.
+    pub odd_headers: OddHeaders,
     /// How often it was silent and came back.
     pub interrupted: u64,
     /// Frames whose stamps lay in the future.
     pub stamps_clamped: u64,
     /// Whether its stamps are not believed.
     pub stamps_doubted: bool,
-    /// How long the measurement took, s.
+    /// How long the measurement took from the first frame on, s.
     pub duration_s: f64,
     /// Distance of neighbouring frames less the mean distance, its size.
     pub jitter: Spread,
@@ -123,6 +129,8 @@ pub struct SourceCheck {
 pub struct Probe {
     asked_hz: f64,
     begin: MonoNs,
+    /// When the first and the last frame came.
+    came: Option<(MonoNs, MonoNs)>,
     mids: Vec<(MonoNs, u64)>,
     latencies: Vec<SpanNs>,
     conversions: Vec<SpanNs>,
@@ -137,7 +145,7 @@ impl Probe {
     #[must_use]
     pub fn new(asked_hz: f64, pixels: usize, now: MonoNs) -> Self {
         let (mids, latencies, conversions) = (Vec::new(), Vec::new(), Vec::new());
-        Self { asked_hz, begin: now, mids, latencies, conversions, out: vec![0; pixels] }
+        Self { asked_hz, begin: now, came: None, mids, latencies, conversions, out: vec![0; pixels] }
     }
 
     /// Takes one frame, if one comes soon; its grey levels.
@@ -155,6 +163,7 @@ impl Probe {
             return Ok(None);
         }
         let end = now();
+        self.came = Some((self.came.map_or(begin, |(first, _)| first), begin));
         if self.mids.len() < Self::MOST {
             self.mids.push((mid, sequence));
             self.latencies.push(end - mid);
@@ -174,18 +183,25 @@ impl Probe {
     pub fn check(self, health: &SourceHealth, now: MonoNs) -> Option<SourceCheck> {
         let (exposures, mean_s) = self.steps()?;
         let frames = self.mids.len() as u64;
+        let ((first, last), is_away) = (self.came?, health.state.is_away());
+        let silent = if is_away { ((now - last).as_s() * self.asked_hz).round() as u64 } else { 0 };
+        // What came damaged in the silence is in both.
+        let lost = (exposures + 1).saturating_sub(frames) + silent;
         Some(SourceCheck {
             asked_hz: self.asked_hz,
             obtained_hz: if mean_s > 0.0 { 1.0 / mean_s } else { 0.0 },
             frames,
-            lost: (exposures + 1).saturating_sub(frames),
+            lost: lost.max(health.corrupt + health.superseded + health.undated),
             corrupt: health.corrupt,
             superseded: health.superseded,
             undated: health.undated,
+            silent,
+            away: is_away.then(|| health.state.as_str()),
+            odd_headers: health.odd_headers,
             interrupted: health.restarted + health.reopened,
             stamps_clamped: health.stamps_clamped,
             stamps_doubted: health.stamps_are_doubted,
-            duration_s: (now - self.begin).as_s(),
+            duration_s: (now - first).as_s(),
             jitter: self.jitter(mean_s),
             latency: Spread::of(self.latencies),
         })
