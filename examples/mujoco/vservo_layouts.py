@@ -300,6 +300,7 @@ class ControlAnswer(ctypes.Structure):
         ("target_number", ctypes.c_uint32),  # Number of the target of the goal, as in JointState.target_number.
         ("contact_joint", ctypes.c_uint32),  # The joint, counted from 1, that feels what touches the arm most; 0 where nothing does.
         ("tick", ctypes.c_uint64),  # Number of the control tick.
+        ("motion_request", ctypes.c_uint64),  # Number of the last accepted request that decides what the arm does, all but goal and set; 0 before the first. Who finds another one than in the answer to its own request was overtaken by another client.
         ("time_s", ctypes.c_double),  # Time since the first tick, s.
         ("feature_error_px", ctypes.c_double),  # Root mean square feature error, px; NaN before the first measurement.
         ("position_error_m", ctypes.c_double),  # Distance of the camera from its desired position, m; NaN where unknown.
@@ -318,10 +319,10 @@ class ControlAnswer(ctypes.Structure):
 
     @staticmethod
     def type_name():
-        return "vservo.ControlAnswer.v9"
+        return "vservo.ControlAnswer.v10"
 
 
-assert ctypes.sizeof(ControlAnswer) == 2064
+assert ctypes.sizeof(ControlAnswer) == 2072
 assert ControlAnswer.request.offset == 0
 assert ControlAnswer.refusal.offset == 4
 assert ControlAnswer.state.offset == 8
@@ -339,20 +340,21 @@ assert ControlAnswer.robot_code.offset == 52
 assert ControlAnswer.target_number.offset == 56
 assert ControlAnswer.contact_joint.offset == 60
 assert ControlAnswer.tick.offset == 64
-assert ControlAnswer.time_s.offset == 72
-assert ControlAnswer.feature_error_px.offset == 80
-assert ControlAnswer.position_error_m.offset == 88
-assert ControlAnswer.orientation_error_rad.offset == 96
-assert ControlAnswer.camera_state_s.offset == 104
-assert ControlAnswer.at_goal_s.offset == 112
-assert ControlAnswer.contact_torque.offset == 120
-assert ControlAnswer.contact_force.offset == 128
-assert ControlAnswer.q.offset == 152
-assert ControlAnswer.qd.offset == 208
-assert ControlAnswer.goal_points.offset == 264
-assert ControlAnswer.goal_ids.offset == 272
-assert ControlAnswer.goal_features.offset == 528
-assert ControlAnswer.robot_text.offset == 1552
+assert ControlAnswer.motion_request.offset == 72
+assert ControlAnswer.time_s.offset == 80
+assert ControlAnswer.feature_error_px.offset == 88
+assert ControlAnswer.position_error_m.offset == 96
+assert ControlAnswer.orientation_error_rad.offset == 104
+assert ControlAnswer.camera_state_s.offset == 112
+assert ControlAnswer.at_goal_s.offset == 120
+assert ControlAnswer.contact_torque.offset == 128
+assert ControlAnswer.contact_force.offset == 136
+assert ControlAnswer.q.offset == 160
+assert ControlAnswer.qd.offset == 216
+assert ControlAnswer.goal_points.offset == 272
+assert ControlAnswer.goal_ids.offset == 280
+assert ControlAnswer.goal_features.offset == 536
+assert ControlAnswer.robot_text.offset == 1560
 
 
 class ControlCommand(ctypes.Structure):
