@@ -255,3 +255,36 @@ fn a_push_that_is_ignored_is_given_way_to() {
         assert!(met.ends_with < 0.02, "{file}: {}", met.ends_with);
     }
 }
+
+/// Joint speeds that are left some tenths of a second after a push in torque mode: nothing of it is kept. The way back of `release` takes up to a second.
+#[test]
+fn a_push_that_is_over_moves_the_arm_no_more() {
+    let pushes = [("[55,-20,35]", 0.45, 0.8), ("[-30,60,25]", 0.5, 0.7), ("[25,-35,-60]", 0.4, 0.75)];
+    let mut wrong = Vec::new();
+    for arm in ["ur5", "panda", "xarm7"] {
+        for (reaction, rests_within_s) in [("stop", 0.4), ("release", 1.3)] {
+            for (force, from_s, until_s) in pushes {
+                let push =
+                    format!("drive.simulated.push={{force_n={force},from_s={from_s},until_s={until_s}}}");
+                let reaction = format!("safety.contact={reaction}");
+                let config = load(arm, &["drive.mode=torque".to_owned(), reaction.clone(), push]);
+                let (mut tick, mut most, mut fault) = (0, 0.0_f64, None);
+                simulate_system(&config, &mut |moment| {
+                    if let Moment::Tick(trace, _) = moment {
+                        tick += 1;
+                        fault = fault.or(trace.fault);
+                        if f64::from(tick) * 1e-3 > until_s + rests_within_s {
+                            most = trace.joint_state.qd.iter().fold(most, |most, qd| most.max(qd.abs()));
+                        }
+                    }
+                    ControlFlow::Continue(())
+                })
+                .unwrap();
+                if fault != Some(Fault::Contact) || most > 0.05 {
+                    wrong.push(format!("{arm}, {reaction}, {force} N: {fault:?}, {most} rad/s"));
+                }
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}

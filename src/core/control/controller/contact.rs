@@ -22,6 +22,9 @@ const BACK_1_S: f64 = 30.0;
 /// For how long it does so at most. Chosen by hand: four times what it takes; an arm that is clamped stands after that.
 const GIVES_UP: SpanNs = SpanNs(1_000_000_000);
 
+/// Time without a touch after which nothing acts on the arm any more. Derived: six time constants of the observer of external torques, in which what it told has decayed to 0.25 %.
+const LET_GO: SpanNs = SpanNs(50_000_000);
+
 /// The way back from a contact.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct WayBack<const N: usize> {
@@ -38,6 +41,9 @@ impl<const N: usize> Controller<N> {
         let did = observed.filter(|_| self.gate.is_open()).map(|state| (state, &command));
         let measured = self.measured_torque.as_ref();
         self.contact_watch.note((now, self.timing), &self.arm.robot, &mut self.joint_control, did, measured);
+        if self.contact_watch.is_touched() {
+            self.touched_at = Some(now);
+        }
         if !self.obeys {
             return;
         }
@@ -87,11 +93,16 @@ impl<const N: usize> Controller<N> {
         self.fault == Some(Fault::Contact) && self.reaction == ContactReaction::Float
     }
 
-    /// Whether the arm moves on in a fault: what sinks slowly is not held by what was learnt before; what pressed against something is, and what the robot's
-    /// own brakes hold.
-    pub(super) fn sinks(&self) -> bool {
-        let is_held = self.fault.is_some_and(|fault| fault == Fault::Contact || fault.is_of_robot());
-        !is_held && !self.rest_watch.is_at_rest()
+    /// Whether nothing acts any more on an arm that a contact has stopped: the motors do what they are told, and the model tells what the arm does.
+    pub(super) fn is_let_go(&self, now: MonoNs) -> bool {
+        self.fault == Some(Fault::Contact) && self.touched_at.is_none_or(|at| now - at > LET_GO)
+    }
+
+    /// Whether disturbances are learnt on in a fault. An arm that moves on is not held by what was learnt before; what pressed against something is, and what the robot's
+    /// own brakes hold. What pushes an arm is no property of it: learnt, it would drive the arm on when the push ends.
+    pub(super) fn learns_in_fault(&self) -> bool {
+        let is_held = self.fault.is_some_and(Fault::is_of_robot) || self.rest_watch.is_at_rest();
+        self.fault != Some(Fault::Contact) && (self.joint_control.damps() || !is_held)
     }
 
     /// What touches the arm in posture `q`, or stopped it where that fault stands.

@@ -105,6 +105,8 @@ pub struct Controller<const N: usize> {
     reduced_speed_share: f64,
     speed_share: f64,
     contact: Option<Contact>,
+    /// When something was last felt on the arm.
+    touched_at: Option<MonoNs>,
     back: Option<WayBack<N>>,
     rest: Rest,
     /// When the reference came to rest while the arm is to stand, and when braking began.
@@ -166,6 +168,7 @@ impl<const N: usize> Controller<N> {
             watch: ArmWatch::default(),
             encoder_watch: EncoderWatch::default(),
             rest_watch: RestWatch::default(),
+            touched_at: None,
             rest: Rest::Moving,
             rests_since: None,
             brakes_since: None,
@@ -429,9 +432,11 @@ impl<const N: usize> Controller<N> {
                 // What the working joints do, learnt as a disturbance, would drive one whose encoder says nothing.
                 if is_wild || is_overdue || self.encoder_watch.distrusted() != [false; N] {
                     self.joint_control.brake_by_joint(&state.q);
+                } else if self.is_let_go(now) {
+                    self.joint_control.brake_by_model();
                 }
             }
-            self.joint_control.learn_in_fault(self.sinks());
+            self.joint_control.learn_in_fault(self.learns_in_fault());
             return None;
         }
         let behind = self.watch.follow(&state.q, &motion.way);

@@ -12,10 +12,11 @@ const PATIENCE_UNHEARD: SpanNs = SpanNs(200_000_000);
 const OVERDUE: SpanNs = SpanNs(200_000_000);
 
 impl<const N: usize> Controller<N> {
-    /// Whether an arm in a fault should have come to rest at `now`, and never has since braking began.
+    /// Whether an arm in a fault should have come to rest at `now`, and never has since braking began, or since what pushed it let go.
     pub(super) fn is_overdue(&self, now: MonoNs) -> bool {
         let longest = SpanNs(self.longest_braking.0.saturating_add(OVERDUE.0));
-        !self.has_rested && self.brakes_since.is_some_and(|since| now - since > longest)
+        let let_go = self.touched_at.filter(|_| self.is_let_go(now));
+        !self.has_rested && self.brakes_since.max(let_go).is_some_and(|since| now - since > longest)
     }
 
     /// Notes whether the arm stands at `now`; `seen`: its state is known.

@@ -6,6 +6,9 @@
 //! the joint was, and is dragged along where that would be more than the effort. Damper, spring and drag take energy out of the arm whatever the other motors do,
 //! and only the weight that a dead one should carry brings some in; what an unknown load weighs is held. A joint whose encoder says nothing is carried as it
 //! was then, and gets nothing besides: damper and spring about what is believed of it would drive it.
+//!
+//! Springs and dampers that are stable for the lightest motion are weak for the heaviest: a Panda whose first and third axes nearly coincide swings as a whole for seconds about `a`. So an arm that was made too
+//! fast by a push is braked by its model again as soon as nothing pushes it: `-c B qd` lets every motion decay at the same rate `c`, 16 1/s by default, which is stable with late commands too.
 
 use super::torque::JointTorque;
 use super::{Feedback, JointController, SOFT_SHARE};
@@ -33,6 +36,11 @@ impl<const N: usize> JointController<N> {
         if self.soft && self.braked_at.is_none() {
             (self.braked_at, self.damps) = (Some(*q), true);
         }
+    }
+
+    /// Brakes by the model again: what made the joints move otherwise acts no more.
+    pub fn brake_by_model(&mut self) {
+        self.braked_at = None;
     }
 
     /// Whether motion is damped, whatever the reference.

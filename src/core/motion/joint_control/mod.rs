@@ -150,10 +150,10 @@ impl<const N: usize> JointController<N> {
         self.observer.learn_at(share);
     }
 
-    /// While soft: goes on learning disturbances, as while it damps, or keeps them as they are.
+    /// While soft: goes on learning disturbances, or keeps them as they are.
     pub fn learn_in_fault(&mut self, learns: bool) {
         if self.soft {
-            self.observer.pause(!(self.damps || learns));
+            self.observer.pause(!learns);
         }
     }
 
