@@ -279,14 +279,11 @@ impl Summary {
         };
         let f = &self.final_errors;
         let _ = writeln!(t, "outcome       {} ({})", self.outcome.as_str(), self.reason);
+        let wall = self.wall_s.map_or_else(String::new, |wall_s| format!(" in {wall_s:.3} s"));
         let _ = writeln!(
             t,
-            "run           {:.3} s {}{}, {} ticks, {} deadlines missed",
-            self.duration_s,
-            self.clock,
-            self.wall_s.map_or_else(String::new, |wall_s| format!(" in {wall_s:.3} s")),
-            self.ticks,
-            self.missed_deadlines
+            "run           {:.3} s {}{wall}, {} ticks, {} deadlines missed",
+            self.duration_s, self.clock, self.ticks, self.missed_deadlines
         );
         let _ = writeln!(
             t,
