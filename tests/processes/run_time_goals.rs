@@ -280,7 +280,7 @@ fn what_may_change_in_a_running_loop_is_set_within_its_bounds() {
     for (what, value) in
         [("gain", "0"), ("gain", "1000"), ("tolerance", "-1"), ("hold", "100"), ("hold", "nan")]
     {
-        refuses(&daemon, &["set", what, value], "within the bounds");
+        refuses(&daemon, &["set", what, value], "out of bounds");
     }
     assert_eq!(ctl(&daemon, &["set", "mass", "1"]).0, Some(2));
     accepts(&daemon, &["shutdown"]);
