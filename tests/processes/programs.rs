@@ -216,15 +216,17 @@ fn goals_and_motions_of_others_end_a_program() {
         &|| accepted(other.goal_pose(&pose).unwrap()),
         "another goal was set by somebody else",
     );
+    ended("servo = \"pick\"", &|| accepted(other.goto(&[0.1, 1.5, 0.45, -0.7]).unwrap()), "by somebody else");
     ended(
         "goto = \"home\"",
         &|| accepted(other.jog_joints(&[0.05, 0.0, 0.0, 0.0]).unwrap()),
         "taken over by somebody else",
     );
-    ended("servo = \"pick\"", &|| accepted(other.goto(&[0.1, 1.5, 0.45, -0.7]).unwrap()), "by somebody else");
 
-    // A client of the library waits for its own goal and for its own posture.
+    // A client of the library waits for its own goal and for its own posture; from where the target is in view.
     let own = Client::connect(&daemon.instance.name).unwrap();
+    accepted(own.goto(&[0.0, 1.57, 0.5, -0.785]).unwrap());
+    assert!(own.wait(WaitFor::State(vservo::messages::ControlState::Held), 60.0).unwrap().is_reached);
     accepted(own.goal_pose(&pose).unwrap());
     accepted(other.goal_pose(&pose).unwrap());
     accepted(own.start().unwrap());
