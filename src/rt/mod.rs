@@ -12,6 +12,8 @@ mod log_format;
 mod output;
 #[cfg(feature = "cli")]
 mod prefault;
+#[cfg(feature = "client")]
+mod process_group;
 #[cfg(feature = "cli")]
 mod scheduling;
 #[cfg(feature = "cli")]
@@ -31,6 +33,8 @@ pub use log_format::{LogFormat, log_environment, log_format};
 pub use output::{CLEAR_LINE, Stderr, print, tell};
 #[cfg(feature = "cli")]
 pub use prefault::{page_faults, prefault};
+#[cfg(feature = "client")]
+pub use process_group::kill_with_group;
 #[cfg(feature = "cli")]
 pub use scheduling::{
     Awake, Obtained, SchedulingError, USUAL_SPIN, prefer_thread, prepare_process, prepare_thread,

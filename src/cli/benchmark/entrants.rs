@@ -3,12 +3,11 @@
 //! A process lives for one run, so that nothing of a run is left in the next one, whoever runs it on which thread.
 
 use crate::input::printable;
-use crate::rt::now;
+use crate::rt::{kill_with_group, now};
 use crate::sim::benchmark::{
     BenchmarkError, BenchmarkScenario, BenchmarkSuite, EntrantCard, EntrantLink, begin_message, checked_names,
 };
 use crate::time::{MonoNs, SpanNs};
-use rustix::process::{Pid, Signal, kill_process_group};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::os::unix::process::CommandExt;
 use std::process::{Child, ChildStdin, ChildStdout, Command, ExitStatus, Stdio};
@@ -217,13 +216,7 @@ impl EntrantProcess {
 impl Drop for EntrantProcess {
     fn drop(&mut self) {
         self.questions = None;
-        if let Ok(group) = i32::try_from(self.child.id()).map(Pid::from_raw)
-            && let Some(group) = group
-        {
-            // none is left of a group that has ended
-            let _ = kill_process_group(group, Signal::KILL);
-        }
-        let _ = self.child.wait();
+        kill_with_group(&mut self.child);
     }
 }
 

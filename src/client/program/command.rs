@@ -1,6 +1,6 @@
 //! A command that a step runs, with all that it starts.
 
-use rustix::process::{Pid, Signal, kill_process_group};
+use crate::rt::kill_with_group;
 use std::os::unix::process::CommandExt;
 use std::process::{Child, Command, ExitStatus, Stdio};
 
@@ -29,13 +29,9 @@ impl RunningCommand {
 impl Drop for RunningCommand {
     /// All of its group, and at once: what it has started would act later, when nobody expects it any more.
     fn drop(&mut self) {
-        if self.has_ended {
-            return;
+        if !self.has_ended {
+            kill_with_group(&mut self.child);
         }
-        if let Some(group) = i32::try_from(self.child.id()).ok().and_then(Pid::from_raw) {
-            let _ = kill_process_group(group, Signal::KILL); // it may have ended meanwhile
-        }
-        let _ = self.child.wait();
     }
 }
 

@@ -267,9 +267,7 @@ impl Refusal {
             Self::UnknownArm => "this run has one arm, number 0",
             Self::NotReady => "the run is still starting: it waits for its external drive",
             Self::UnknownCamera => "a goal is for camera 0 of a run with one; two keep those of the run file",
-            Self::WrongNumbers => {
-                "its numbers are none that this run takes: a posture needs one for each joint, a velocity one for each joint or six of the camera and the time for which it holds (0.01 to 1 s), and all must be finite and within the bounds: a gain 0.001 to 100 1/s, a tolerance 0.000001 to 100 px, a hold 0 to 60 s, a velocity at most 30 rad/s or m/s, a position within 100 m with a quaternion of length 1, a feature within 57"
-            }
+            Self::WrongNumbers => "its numbers are none that this run takes",
             Self::TooSmall => "the target would be smaller than 8 px at that goal: is it given in m?",
             Self::FromBehind => {
                 "the camera would see the back of the target: its z must point away from the camera"

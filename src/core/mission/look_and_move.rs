@@ -37,7 +37,8 @@ const NOT_SEEN: &str = "run.duration_s is over: the target was not in view where
                         [camera.lens], [camera.mount] and [target] with what is there";
 const NO_FRAMES: &str = "run.duration_s is over: no frames came any more, so that look_and_move could not look again; see to the camera and to vision";
 const NO_CONTRAST: &str = "run.duration_s is over: the frames had no contrast when look_and_move was to look again; see to light, lens cap and exposure";
-/// Age of the last exposure from which on no frames come, chosen by hand: more than the longest latency of a camera that a run file may have.
+/// Age of the last exposure from which on no frames come, where `safety.measurement_timeout_ms`, which is more than a period and the latency of the camera, is not longer. Chosen by hand: a frame
+/// or some that are lost just before the end are no silence.
 const SILENT: SpanNs = SpanNs(1_000_000_000);
 
 /// Looks and moves.
@@ -165,10 +166,14 @@ impl<const N: usize> LookAndMove<N> {
         matches!(self.phase, Phase::NoPosture).then_some(NO_POSTURE)
     }
 
-    /// Why the time of the run was too short, once the arm has moved, by the age and the status of the `last` measurement.
-    pub(super) fn when_late(&self, last: Option<(SpanNs, TargetStatus)>) -> Option<&'static str> {
+    /// Why the time of the run was too short, once the arm has moved, by the age and the status of the `last` measurement. One that is older than `timeout` is out of date.
+    pub(super) fn when_late(
+        &self,
+        last: Option<(SpanNs, TargetStatus)>,
+        timeout: SpanNs,
+    ) -> Option<&'static str> {
         (self.motions > 0).then_some(match last {
-            Some((age, _)) if age > SILENT => NO_FRAMES,
+            Some((age, _)) if age > SILENT.max(timeout) => NO_FRAMES,
             Some((_, TargetStatus::NoContrast)) => NO_CONTRAST,
             Some((_, TargetStatus::Found)) => NOT_THERE,
             _ => NOT_SEEN,
@@ -240,7 +245,8 @@ mod tests {
         let X_DO = *goal.set_point.X_DO().unwrap();
         let old = SpanNs(1500 * MS);
         let fresh = SpanNs(40 * MS);
-        assert_eq!(task.when_late(Some((old, TargetStatus::Found))), None, "it has not moved");
+        let timeout = SpanNs(200 * MS);
+        assert_eq!(task.when_late(Some((old, TargetStatus::Found)), timeout), None, "it has not moved");
         task.note_arm(MonoNs(0), ControlState::Waiting, true);
         task.look(&measurement(120, &X_DO, 0.02), 30.0, &q, &goal);
         assert!(task.next_waypoint().is_some());
@@ -250,8 +256,10 @@ mod tests {
             (Some((fresh, TargetStatus::TooFewRegions)), NOT_SEEN),
             (Some((fresh, TargetStatus::Found)), NOT_THERE),
         ] {
-            assert_eq!(task.when_late(last), Some(told), "{last:?}");
+            assert_eq!(task.when_late(last, timeout), Some(told), "{last:?}");
         }
+        // A camera of one frame in four seconds.
+        assert_eq!(task.when_late(Some((old, TargetStatus::Found)), SpanNs(9000 * MS)), Some(NOT_THERE));
     }
 
     #[test]

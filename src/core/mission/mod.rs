@@ -408,8 +408,9 @@ impl<const N: usize> Mission<N> {
         let last = self.measurements.last().map(|m| (now - m.exposure, m.target_status()));
         let held_off = self.held_off.filter(|at| now - *at < LATELY).map(|_| HELD_OFF);
         let known = held_off.or_else(|| self.why_not_both(now, trace));
-        let when_late =
-            known.or_else(|| self.task.when_late(last)).or_else(|| stays().filter(|_| servoing && has_goal));
+        let when_late = known
+            .or_else(|| self.task.when_late(last, self.plan.measurement_timeout))
+            .or_else(|| stays().filter(|_| servoing && has_goal));
         let are_old = self.measurements.are_older_than(self.plan.measurement_timeout);
         let is_held = matches!(self.state, ControlState::Holding | ControlState::Returning);
         let when_late =

@@ -352,12 +352,16 @@ mod tests {
     #[test]
     fn refusals_tell_the_bounds_that_hold() {
         let range = |range: &RangeInclusive<f64>| format!("{} to {}", range.start(), range.end());
-        let of_numbers = [
+        let of_velocity = [
             format!("the time for which it holds ({} s)", range(&VELOCITY_HOLD_S)),
+            format!("a velocity at most {VELOCITY} rad/s or m/s"),
+        ];
+        let of_set = [
             format!("a gain {} 1/s", range(&GAIN_1_S)),
             format!("a tolerance {} px", range(&TOLERANCE_PX)),
             format!("a hold {} s", range(&HOLD_S)),
-            format!("a velocity at most {VELOCITY} rad/s or m/s"),
+        ];
+        let of_goal = [
             format!("a position within {} m", POSITION_M.end()),
             format!("a feature within {}", FEATURES.end()),
         ];
@@ -366,13 +370,16 @@ mod tests {
             format!("the camera by {JOG_M} m and {JOG_RAD} rad"),
         ];
         let of_size = [format!("smaller than {SMALLEST_PX} px")];
-        for (refusal, parts) in [
-            (Refusal::WrongNumbers, &of_numbers[..]),
-            (Refusal::TooFar, &of_jog),
-            (Refusal::TooSmall, &of_size),
+        for (refusal, request, parts) in [
+            (Refusal::WrongNumbers, Request::Velocity, &of_velocity[..]),
+            (Refusal::WrongNumbers, Request::Set, &of_set),
+            (Refusal::WrongNumbers, Request::Goal, &of_goal),
+            (Refusal::TooFar, Request::Jog, &of_jog),
+            (Refusal::TooSmall, Request::Goal, &of_size),
         ] {
+            let told = refusal.describe_for(request);
             for part in parts {
-                assert!(refusal.describe().contains(part), "{part}: {}", refusal.describe());
+                assert!(told.contains(part), "{part}: {told}");
             }
         }
         assert_eq!(POSITION_M.start(), &-POSITION_M.end());

@@ -8,7 +8,7 @@
 
 use crate::messages::Measurement;
 use crate::motion::{ActingLimits, Limit};
-use crate::servo::{Law, OperationalSpace, SetPoint, TwistWeights, View, determined_directions, felt_share};
+use crate::servo::{Law, OperationalSpace, SetPoint, View, determined_directions, felt_share};
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::Vector2;
 
@@ -101,13 +101,10 @@ pub(super) fn why_it_stays(
         let felt = felt_share(law, set_point, &View::of(m, set_point)?)?;
         Some(felt <= FELT_SHARE && m.reprojection_rms_px <= MISFIT_SHARE * error_px)
     };
-    let compares_tilt = match law {
-        Law::PositionTorque { space, .. }
-        | Law::PositionVelocity { space, weights: TwistWeights::Unit, .. } => {
-            matches!(space, OperationalSpace::Six | OperationalSpace::Homography)
-        }
-        _ => false,
-    };
+    let compares_tilt = matches!(
+        law,
+        Law::PositionTorque { space: OperationalSpace::Six | OperationalSpace::Homography, .. }
+    );
     match seen.and_then(is_local_minimum) {
         Some(true) => LOCAL_MINIMUM,
         _ if compares_tilt && joints < 6 && error_px < TILT_PX => TILT,

@@ -205,13 +205,17 @@ impl<const N: usize> RunTask<N> {
         }
     }
 
-    /// Why the time of the run was too short, where the task knows; by the age and the status of the `last` measurement.
-    pub(super) fn when_late(&self, last: Option<(SpanNs, TargetStatus)>) -> Option<&'static str> {
+    /// Why the time of the run was too short, where the task knows; by the age and the status of the `last` measurement. One that is older than `timeout` is out of date.
+    pub(super) fn when_late(
+        &self,
+        last: Option<(SpanNs, TargetStatus)>,
+        timeout: SpanNs,
+    ) -> Option<&'static str> {
         match self {
             Self::Excitation { planned: true, .. } => Some(EXCITATION_TOO_SHORT),
             Self::LoadTour { planned: Some(_), .. } => Some(TOUR_TOO_SHORT),
             Self::Servo | Self::Excitation { .. } | Self::LoadTour { .. } => None,
-            Self::LookAndMove(task) => task.when_late(last),
+            Self::LookAndMove(task) => task.when_late(last, timeout),
             Self::Tour { planned: Some(_), .. } => Some(TOUR_TOO_SHORT),
             Self::Tour { planned: None, .. } => Some(NOTHING_SEEN),
         }

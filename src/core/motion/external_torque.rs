@@ -25,7 +25,7 @@ use nalgebra::SVector;
 /// contact is to be noticed, and double lets through twice the noise of encoders.
 const GAIN_RAD_S: f64 = 120.0;
 /// Ticks until the residual of what was there before counts no more: six time constants of the observer. Derived from [`GAIN_RAD_S`]: e^-6 is 0.25 %.
-const SETTLES: u32 = 50;
+pub(crate) const SETTLES: u32 = 50;
 /// Ticks of the mean that the observer comes to, for the noise of encoders. Derived: its time constant.
 const MEAN_TICKS: u32 = 8;
 /// Standard deviation of a constant torque that the model leaves out, as a share of the largest effort. Chosen by hand: half of what a rated payload takes, which standing

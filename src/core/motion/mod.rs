@@ -26,6 +26,7 @@ mod workspace;
 pub use drive_lag::DriveLagObserver;
 pub use excitation_motion::{ExcitationMotion, MAX_EXCITATION};
 pub use external_torque::ExternalTorqueObserver;
+pub(crate) use external_torque::SETTLES;
 pub use goal_braking::brakeable;
 pub use joint_control::{InverseDynamicsControl, JointController, JointLaw, JointTorque, PdGravityControl};
 pub use joint_observer::ObserverSettings;

@@ -4,6 +4,7 @@ use super::Controller;
 use crate::control::behaviour::MotionCommand;
 use crate::control::safety::{Contact, ContactReaction, Fault};
 use crate::drive::{CommandMode, DriveState};
+use crate::motion::SETTLES;
 use crate::time::{MonoNs, SpanNs, TICK};
 use nalgebra::SVector;
 
@@ -22,8 +23,8 @@ const BACK_1_S: f64 = 30.0;
 /// For how long it does so at most. Chosen by hand: four times what it takes; an arm that is clamped stands after that.
 const GIVES_UP: SpanNs = SpanNs(1_000_000_000);
 
-/// Time without a touch after which nothing acts on the arm any more. Derived: six time constants of the observer of external torques, in which what it told has decayed to 0.25 %.
-const LET_GO: SpanNs = SpanNs(50_000_000);
+/// Time without a touch after which nothing acts on the arm any more. Derived: in which the observer of external torques forgets what it told.
+const LET_GO: SpanNs = SpanNs(SETTLES as i64 * TICK.0);
 
 /// The way back from a contact.
 #[derive(Debug, Clone, Copy)]
