@@ -178,7 +178,7 @@ class Requests(Served):
             program.write_text('[[steps]]\nsevo = "pick"\n')
             with self.assertRaisesRegex(ValueError, r"p.toml:2:\d+: steps\[0\].sevo"):
                 self.cell.run(program)
-            program.write_text("[[steps]]\nwait_s = 100\ntimeout_s = 200\n")
+            program.write_text("[[steps]]\nwait_s = 100\n")
 
             def broken(line):
                 raise KeyError(line)
