@@ -8,10 +8,10 @@ use super::layouts::LayoutLanguage;
 use super::place_arguments::{PlaceArguments, ViewArguments};
 use super::tool_arguments::{PoseArguments, ProcessArguments, StereoCommand};
 use super::{
-    benchmark::BenchmarkArguments, completion, ctl_arguments::CtlArguments, drive::DriveQuestion,
-    emulate::EmulateCommand, export::ExportArguments, faults::FaultsArguments, man::ManArguments,
-    monitor::MonitorArguments, record::RecordArguments, replay::ReplayArguments, target::TargetArguments,
-    tune::TuneArguments, watch::WatchArguments,
+    benchmark::BenchmarkArguments, black_box::BlackBoxArguments, completion, ctl_arguments::CtlArguments,
+    drive::DriveQuestion, emulate::EmulateCommand, export::ExportArguments, faults::FaultsArguments,
+    man::ManArguments, monitor::MonitorArguments, record::RecordArguments, replay::ReplayArguments,
+    target::TargetArguments, tune::TuneArguments, watch::WatchArguments,
 };
 use crate::camera_model::Response;
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -286,6 +286,9 @@ pub struct ServeArguments {
     /// Write down everything that is sent into this file
     #[arg(long, value_name = "FILE.mcap")]
     pub record: Option<PathBuf>,
+    /// What is kept of the time before a fault
+    #[command(flatten)]
+    pub black_box: BlackBoxArguments,
 }
 
 /// Arguments of `vservo do`.

@@ -3,6 +3,7 @@
 mod all_cores;
 mod arguments;
 mod benchmark;
+mod black_box;
 mod calibrate;
 mod calibrate_arguments;
 mod camera;
@@ -81,11 +82,12 @@ pub use tune::TuneArguments;
 pub use watch::WatchArguments;
 
 use crate::config::assemble::require_controllable;
-use crate::config::{Config, Draft};
+use crate::config::{Clock, Config, Draft};
 use crate::experiment;
 use crate::input::printable;
 use crate::ipc::{Instance, Role};
 use crate::messages::CameraId;
+use crate::process::recorder::BlackBoxSettings;
 use crate::process::supervisor::RunOutputs;
 use crate::process::{self, NewReport, ProcessError, ReportFolder, StopFlag, run_report, supervisor};
 use crate::report::summary::Summary;
@@ -119,6 +121,7 @@ pub fn main() -> ExitCode {
                 summary: arguments.summary.as_deref(),
                 recording: arguments.record.as_deref(),
                 report: None,
+                black_box: arguments.black_box.settings(arguments.record.as_deref()),
             };
             let cell = arguments.cell.uncalibrated(arguments.uncalibrated);
             run(&cell, ["run.serve=true".to_owned()], results, false)
@@ -233,7 +236,7 @@ fn run_command(arguments: &RunArguments) -> Result<u8, ProcessError> {
     let strict = arguments.strict.then(|| "camera.replay.strict=true".to_owned());
     let report = arguments.report.as_deref().map(|folder| (folder, repeat::of_run(arguments)));
     let (summary, recording) = (arguments.summary.as_deref(), arguments.record.as_deref());
-    let results = Results { summary, recording, report };
+    let results = Results { summary, recording, report, black_box: None };
     let cell = arguments.cell.uncalibrated(arguments.uncalibrated);
     run(&cell, duration.into_iter().chain(strict), results, !arguments.anyway)
 }
@@ -246,6 +249,8 @@ struct Results<'a> {
     recording: Option<&'a Path>,
     /// A folder for the report, and the words of the command that repeats the run.
     report: Option<(&'a Path, Vec<String>)>,
+    /// What is kept of the time before a fault.
+    black_box: Option<BlackBoxSettings>,
 }
 
 /// Runs a cell with settings of the command; `refuses` a goal that the arm cannot reach.
@@ -258,13 +263,15 @@ fn run(
     // First of all: a request to stop that comes early is one too.
     let stop = StopFlag::on_signals()?;
     let (config, instance) = prepare(cell, settings, refuses)?;
-    let Results { summary, recording, report } = results;
+    let Results { summary, recording, report, black_box } = results;
     for path in summary.into_iter().chain(recording) {
         check_writable(path)?;
     }
     let (folder, words) = report.unzip();
     let report = folder.map(NewReport::begin).transpose()?;
-    let outputs = RunOutputs { report: report.as_ref().map(NewReport::folder), recording };
+    // Nobody waits for it, so that of a simulated clock it would miss most.
+    let black_box = black_box.as_ref().filter(|_| config.clock == Clock::Realtime);
+    let outputs = RunOutputs { report: report.as_ref().map(NewReport::folder), recording, black_box };
     let end = supervisor::run(&config, &instance, &stop, outputs)?;
     let exit_code = shown(&end.summary.to_text(), end.exit_code);
     let exit_code = write_summary(summary, &end.summary, exit_code);
@@ -350,9 +357,12 @@ fn role(role: Role, arguments: &RoleArguments) -> Result<u8, ProcessError> {
             run.map(|()| None)
         }
         Role::Guardian => process::guardian::run(&config, &instance, &stop).map(|()| None),
-        Role::Control | Role::Supervisor | Role::Drive | Role::CameraProgram(_) | Role::Recorder => {
-            process::control::run(&config, &instance, &stop, report).map(Some)
-        }
+        Role::Control
+        | Role::Supervisor
+        | Role::Drive
+        | Role::CameraProgram(_)
+        | Role::Recorder
+        | Role::BlackBox => process::control::run(&config, &instance, &stop, report).map(Some),
     };
     match ended {
         Ok(None) => Ok(0),

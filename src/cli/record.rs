@@ -1,13 +1,15 @@
 //! `vservo record`.
 
+use super::black_box;
 use super::completion;
 use super::{check_writable, config_on_stdin, doctor, json, shown, warn};
 use crate::config::Config;
 use crate::ipc::Instance;
-use crate::process::recorder::{self, RecordedFile};
+use crate::process::recorder::{self, BlackBoxSettings, RecordedFile};
 use crate::process::{self, ProcessError, StopFlag};
 use crate::robot;
 use crate::rt::tell;
+use crate::time::SpanNs;
 use clap::Args;
 use clap_complete::engine::ArgValueCompleter;
 use std::path::{Path, PathBuf};
@@ -18,9 +20,12 @@ pub struct RecordArguments {
     /// Run file of the processes, where no supervisor left it
     #[arg(add = ArgValueCompleter::new(completion::run_file))]
     pub config: Option<PathBuf>,
-    /// File to write
-    #[arg(long, value_name = "FILE.mcap")]
+    /// File to write; with --last the folder of the black box
+    #[arg(long, value_name = "FILE.mcap|DIR")]
     pub out: PathBuf,
+    /// A black box: keep so much of the last in memory, such as 60s, and write it into the folder at each fault, and at Ctrl-C
+    #[arg(long, value_name = "60s", value_parser = black_box::last)]
+    pub last: Option<SpanNs>,
     /// Name of the run
     #[arg(long, value_name = "NAME", default_value = "default")]
     pub instance: String,
@@ -46,10 +51,17 @@ pub(super) fn record(arguments: &RecordArguments) -> Result<u8, ProcessError> {
     match arguments.supervised_by {
         // which has warned, and looked at the file
         Some(supervisor) => process::follow_parent(supervisor, &stop),
+        None if arguments.last.is_some() => warn(&config),
         None => {
             warn(&config);
             check_writable(&arguments.out)?;
         }
+    }
+    if let Some(last) = arguments.last {
+        let writes_at_stop = arguments.supervised_by.is_none();
+        let settings = BlackBoxSettings { last, folder: arguments.out.clone(), writes_at_stop };
+        recorder::keep_the_last(&config, &instance, &stop, &settings, files(&config))?;
+        return Ok(0);
     }
     let end = recorder::run(&config, &instance, &stop, &arguments.out, &files(&config))?;
     let exit_code = if arguments.supervised_by.is_some() {

@@ -2,8 +2,8 @@
 
 use super::channel::Channel;
 
-/// Most readers of a service. Chosen by hand: the next process, a recorder, a view, and one to spare. Each one more needs buffers of its own.
-pub(super) const MAX_READERS: usize = 4;
+/// Most readers of a service. Chosen by hand: the next process, a recorder, a black box, a view, and one to spare. Each one more needs buffers of its own.
+pub(super) const MAX_READERS: usize = 5;
 /// The same of the joint states, which two cameras and the vision of each may take.
 const JOINT_STATE_READERS: usize = MAX_READERS + 2;
 /// Upper bound of what transport and header add to a frame, bytes. Chosen by hand: the header has 64, and of a VGA frame all of it is less than two

@@ -20,6 +20,8 @@ pub enum Role {
     CameraProgram(CameraId),
     /// Writes down what the others send.
     Recorder,
+    /// Keeps the last minute of it, and writes that down at a fault.
+    BlackBox,
     /// Watches control's commands to an external drive, and can only stop.
     Guardian,
 }
@@ -29,7 +31,8 @@ impl Role {
     pub fn all() -> impl Iterator<Item = Self> {
         let cameras = (0..MAX_CAMERAS as u8).map(CameraId);
         let of_cameras = cameras.flat_map(|id| [Self::Camera(id), Self::Vision(id)]);
-        let others = [Self::Supervisor, Self::Control, Self::Drive, Self::Recorder, Self::Guardian];
+        let others =
+            [Self::Supervisor, Self::Control, Self::Drive, Self::Recorder, Self::BlackBox, Self::Guardian];
         others.into_iter().chain(of_cameras)
     }
 
@@ -43,9 +46,15 @@ impl Role {
             Self::Control => "control",
             Self::Drive => "drive",
             Self::CameraProgram(_) => "camera program",
-            Self::Recorder => "record",
+            Self::Recorder | Self::BlackBox => "record",
             Self::Guardian => "guardian",
         }
+    }
+
+    /// Whether it only writes down what the others do: no run waits for it, and it ends with the others.
+    #[must_use]
+    pub fn only_records(self) -> bool {
+        matches!(self, Self::Recorder | Self::BlackBox)
     }
 
     /// The camera that it is about.
@@ -53,7 +62,12 @@ impl Role {
     pub fn camera(self) -> Option<CameraId> {
         match self {
             Self::Camera(id) | Self::Vision(id) | Self::CameraProgram(id) => Some(id),
-            Self::Supervisor | Self::Control | Self::Drive | Self::Recorder | Self::Guardian => None,
+            Self::Supervisor
+            | Self::Control
+            | Self::Drive
+            | Self::Recorder
+            | Self::BlackBox
+            | Self::Guardian => None,
         }
     }
 }
@@ -66,6 +80,7 @@ impl fmt::Display for Role {
                 write!(f, "{}-{id}", self.command())
             }
             Self::Recorder => f.pad("recorder"),
+            Self::BlackBox => f.pad("black-box"),
             _ => f.pad(self.command()),
         }
     }
@@ -79,7 +94,7 @@ mod tests {
     #[test]
     fn every_role_has_a_name_of_its_own() {
         let names: HashSet<_> = Role::all().map(|role| role.to_string()).collect();
-        assert_eq!(names.len(), 5 + 2 * MAX_CAMERAS);
+        assert_eq!(names.len(), 6 + 2 * MAX_CAMERAS);
         assert!(names.contains("camera") && names.contains("camera-1") && names.contains("vision-3"));
     }
 }

@@ -1,4 +1,4 @@
-//! When and on which machine a report was made, in words.
+//! When and on which machine a run was, in words and as a name.
 
 use crate::rt::{now, unix_origin};
 use crate::time::SpanNs;
@@ -16,6 +16,11 @@ pub(super) fn when_and_where() -> [(String, String); 2] {
     let machine = parts.into_iter().flatten().collect::<Vec<_>>().join(", ");
     let unix_s = (now() + unix_origin()).0.div_euclid(SpanNs::MILLISECOND.0 * 1000);
     [("made".into(), utc(unix_s)), ("machine".into(), machine)]
+}
+
+/// Seconds since 1970 as a name that sorts by time: `2026-11-29T120000Z`.
+pub(super) fn utc_name(unix_s: i64) -> String {
+    utc(unix_s).replace(" UTC", "Z").replace(' ', "T").replace(':', "")
 }
 
 /// Seconds since 1970 as a date and a time. The numbers are those of the Gregorian calendar, counted from March of the year 0.
@@ -48,6 +53,7 @@ mod tests {
         ] {
             assert_eq!(utc(unix_s), told);
         }
+        assert_eq!(utc_name(951_782_400), "2000-02-29T000000Z");
         let [made, machine] = when_and_where();
         assert!(made.1.starts_with("20") && machine.1.contains("cores"), "{made:?} {machine:?}");
     }

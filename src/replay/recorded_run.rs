@@ -9,6 +9,7 @@ use crate::drive::DriveProperties;
 use crate::messages::{DriveTextMsg, Measurement, RequestMsg, TraceMsg, text_kind, trace_flag};
 use crate::record::{RUN_FILE, RecordingReader};
 use crate::robot::Robot;
+use crate::time::MonoNs;
 use std::collections::VecDeque;
 use std::io::Read;
 use std::path::Path;
@@ -36,6 +37,8 @@ pub struct RecordedRun<R: Read> {
     drive: Option<DriveProperties>,
     /// Number of the next record of control.
     next: u64,
+    /// Of a recording that begins after its run, from which nothing can be run again: what is missing in between ends nothing.
+    is_part: bool,
     /// Whether the last record of the run was given.
     is_over: bool,
     /// Why there is no more, where the file goes on.
@@ -57,6 +60,15 @@ impl<R: Read> RecordedRun<R> {
     /// # Errors
     /// When it has no tick, or not the first one.
     pub fn new(reader: RecordingReader<R>) -> Result<Self, ReplayError> {
+        let run = Self::of_any(reader)?;
+        if run.is_part { Err(ReplayError::NoBegin(run.next)) } else { Ok(run) }
+    }
+
+    /// The same, also of one that begins after its run ([`Self::is_part`]).
+    ///
+    /// # Errors
+    /// When it has no tick.
+    pub fn of_any(reader: RecordingReader<R>) -> Result<Self, ReplayError> {
         let mut run = Self {
             reader,
             traces: VecDeque::new(),
@@ -64,15 +76,20 @@ impl<R: Read> RecordedRun<R> {
             requests: VecDeque::new(),
             drive: None,
             next: 0,
+            is_part: false,
             is_over: false,
             gap: None,
         };
         run.fill()?;
-        match run.traces.front() {
-            None => Err(ReplayError::NoTicks),
-            Some(first) if first.sequence > 0 => Err(ReplayError::NoBegin(first.sequence)),
-            Some(_) => Ok(run),
-        }
+        run.next = run.traces.front().ok_or(ReplayError::NoTicks)?.sequence;
+        run.is_part = run.next > 0;
+        Ok(run)
+    }
+
+    /// Whether it begins after its run, as that of a black box: what control knew by then is not in it, and ticks may be missing.
+    #[must_use]
+    pub fn is_part(&self) -> bool {
+        self.is_part
     }
 
     /// Reads until enough ticks lie ahead, or to the end.
@@ -102,6 +119,9 @@ impl<R: Read> RecordedRun<R> {
     pub fn next_tick(&mut self) -> Result<Option<RecordedTick>, ReplayError> {
         self.fill()?;
         let Some(trace) = self.traces.pop_front().filter(|_| self.gap.is_none()) else { return Ok(None) };
+        if self.is_part && trace.sequence > self.next {
+            self.next = trace.sequence;
+        }
         if trace.sequence != self.next {
             self.gap = Some(match trace.sequence {
                 0 => format!("another run begins after tick {} of control", self.next),
@@ -113,7 +133,11 @@ impl<R: Read> RecordedRun<R> {
         self.is_over = trace.flags & trace_flag::LAST != 0;
         let mut measurement = None;
         if trace.flags & trace_flag::MEASUREMENT != 0 {
-            let Some(at) = self.measurements.iter().position(|m| FrameStamps::of(m) == stamps(&trace)) else {
+            let found = self.measurements.iter().position(|m| FrameStamps::of(m) == stamps(&trace));
+            if found.is_none() && self.is_part {
+                return Ok(Some(RecordedTick { trace, measurement }));
+            }
+            let Some(at) = found else {
                 self.gap = Some(format!(
                     "the measurement of frame {} is missing, which control took at tick {}",
                     trace.frame_id, trace.tick
@@ -136,6 +160,11 @@ impl<R: Read> RecordedRun<R> {
             Some(told) if config.drive.kind == DriveKind::External => before_drive(config, robot, told).0,
             _ => config.clone(),
         }
+    }
+
+    /// The next request that was answered by `time`, of those that have been read.
+    pub fn request_until(&mut self, time: MonoNs) -> Option<RequestMsg> {
+        self.requests.pop_front_if(|request| request.stamp <= time)
     }
 
     /// The requests that have been read, in the order of their answers.

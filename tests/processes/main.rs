@@ -3,6 +3,7 @@
 mod arms;
 mod bad_input;
 mod benchmark;
+mod black_box;
 mod broken_output;
 mod calibrate_camera;
 mod calibrate_from;

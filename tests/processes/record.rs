@@ -256,6 +256,33 @@ fn a_recorder_joins_a_running_instance_and_ends_with_it() {
     assert_eq!(nobody.status.code(), Some(5));
 }
 
+/// Of a run that goes on there is something to record at each look.
+#[test]
+fn a_recorder_ends_when_it_is_told_to_while_its_run_goes_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = file(&folder);
+    let daemon = crate::serve::Daemon::start("recstop", &[]);
+    let mut recorder = vservo()
+        .args(["record", "--instance", &daemon.instance.name, "--out"])
+        .arg(&path)
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut lines = Lines::of(&mut recorder);
+    lines.wait_for("recording to");
+    lines.drain();
+    daemon.accepts("start");
+    wait_until("a part of the recording", || path.metadata().is_ok_and(|m| m.len() > 1_000_000));
+    kill(recorder.id() as i32, "TERM");
+    assert_eq!(recorder.wait().unwrap().code(), Some(0));
+    assert_eq!(daemon.state(), "servoing");
+    let r = read(&path);
+    assert!(!r.cut_off && r.traces.iter().all(|t| t.flags & trace_flag::LAST == 0));
+    daemon.accepts("shutdown");
+    assert_eq!(daemon.ended().0, Some(0));
+}
+
 /// The Python that has the packages `mcap` and `mcap-ros2-support`.
 pub(crate) fn python() -> Option<PathBuf> {
     let python = std::env::var_os("VSERVO_PYTHON").map_or_else(|| PathBuf::from("python3"), PathBuf::from);

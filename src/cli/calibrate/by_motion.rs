@@ -90,7 +90,7 @@ pub(in crate::cli) fn by_motion(sought: Sought, arguments: &MotionArguments) -> 
         check_writable(path)?;
     }
     let report = arguments.report.as_deref().map(NewReport::begin).transpose()?;
-    let outputs = RunOutputs { report: report.as_ref().map(NewReport::folder), recording: None };
+    let outputs = RunOutputs { report: report.as_ref().map(NewReport::folder), ..RunOutputs::default() };
     let end = supervisor::run(&config, &instance, &stop, outputs)?;
     let exit_code = tell_found(sought, arguments, &end);
     let command = repeat::command(&["calibrate", sought.command()], &arguments.cell, &[], &end.summary);

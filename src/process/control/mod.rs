@@ -17,6 +17,7 @@ mod realtime;
 mod realtime_thread;
 mod recorded;
 mod recorded_drive;
+mod recorded_part;
 mod recorder_pace;
 mod requests;
 mod restart_watch;

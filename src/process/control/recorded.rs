@@ -1,6 +1,7 @@
-//! What a run leaves, from its recording: it is replayed, and counted and remembered as it was while it ran.
+//! What a run leaves, from its recording: it is replayed, and counted and remembered as it was while it ran. Of a recording that begins after its run, what its records tell.
 
 use super::deadlines::Deadlines;
+use super::recorded_part::of_part;
 use super::{Pace, run_files, summary};
 use crate::config::{Clock, Config};
 use crate::messages::CameraId;
@@ -23,7 +24,7 @@ pub struct RecordedResults {
 /// Of a recording that is complete and has no end of its run.
 const NO_END: &str = "no end of it was recorded: control was gone before it told one (was it killed?), or the recorder was ended first";
 
-/// Results of a recorded run of `config`.
+/// Results of a recorded run of `config`, or of the part of it that is recorded.
 ///
 /// # Errors
 /// When the recording cannot be replayed, or not to the bit.
@@ -31,6 +32,9 @@ pub fn recorded_results<R: Read>(
     recorded: &mut RecordedRun<R>,
     config: &Config,
 ) -> Result<RecordedResults, ReplayError> {
+    if recorded.is_part() {
+        return crate::dispatch_robot!(config.robot, |robot| of_part(recorded, config, robot))?;
+    }
     crate::dispatch_robot!(config.robot, |robot| of_robot(recorded, config, robot))?
 }
 

@@ -1,9 +1,12 @@
 //! The recorder: writes down everything that the processes of an instance send, without real-time priority, and in nobody's way: what it does
 //! not take in time is overwritten, and counted by its numbers. In lockstep, whose clock can wait, control waits for it.
 
+mod black_box;
 mod disk;
+mod kept_blocks;
 mod taps;
 
+pub use black_box::{BlackBoxSettings, keep_the_last};
 pub use taps::ServiceCount;
 
 use super::{Membership, ProcessError, StopFlag, priority};
@@ -15,6 +18,7 @@ use crate::time::SpanNs;
 use disk::DiskQueue;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use taps::ServiceTap;
@@ -29,6 +33,8 @@ const MAX_CHUNK_BYTES: usize = 4 << 20;
 const PAUSE: Duration = Duration::from_millis(10);
 /// The same in lockstep. Chosen by hand, because its clock is up to fifty times as fast; control waits where that is too slow.
 const LOCKSTEP_PAUSE: Duration = Duration::from_micros(500);
+/// How long a recording that was asked to end goes on where more and more comes. Derived: it may lag a second behind control.
+const LAGS_AT_MOST: SpanNs = SpanNs(1_000_000_000);
 /// Period at which it looks whether anybody is left. Chosen by hand: it costs a dozen system calls.
 const PRESENCE_PERIOD: SpanNs = SpanNs(250_000_000);
 
@@ -102,14 +108,15 @@ pub fn run(
     for file in files {
         writer.attach(&file.name, file.media_type, &file.data)?;
     }
-    let mut taps = taps::open(config, membership.services(), &mut writer)?;
+    let mut taps = taps::open(config, membership.services())?;
+    taps.iter_mut().try_for_each(|tap| tap.begin(&mut writer))?;
     membership.services().require_room_for_peers()?;
     // Topics and files stand in the file before the first message.
     writer.end_chunk()?;
     info!("recording to {}", path.display());
     let (start, pause) = (now(), if lockstep { LOCKSTEP_PAUSE } else { PAUSE });
     let mut presence = Presence { instance, seen: false, next_look: start };
-    let mut chunk_end = start + MAX_CHUNK;
+    let (mut chunk_end, mut asked_to_end) = (start + MAX_CHUNK, None);
     let failure = loop {
         membership.beat();
         // In this order: what was sent before the end is taken after it.
@@ -127,7 +134,9 @@ pub fn run(
             chunk_end = time + MAX_CHUNK;
         }
         let failure = writing.failure();
-        if failure.is_some() || (ends && !found) {
+        // All that was there when it was to end; of a run that goes on something is there at each look.
+        let is_all = ends && (!found || time - *asked_to_end.get_or_insert(time) > LAGS_AT_MOST);
+        if failure.is_some() || is_all {
             break failure;
         }
         // By the clock a second look would find the few records of the time that the first one took.
@@ -142,9 +151,9 @@ pub fn run(
     Ok(end)
 }
 
-fn take_all(
-    taps: &mut [Box<dyn ServiceTap<DiskQueue>>],
-    writer: &mut RecordingWriter<DiskQueue>,
+fn take_all<W: Write>(
+    taps: &mut [Box<dyn ServiceTap<W>>],
+    writer: &mut RecordingWriter<W>,
 ) -> Result<bool, ProcessError> {
     let mut found = false;
     for tap in taps {
@@ -184,7 +193,7 @@ impl Presence<'_> {
             return false;
         }
         self.next_look = time + PRESENCE_PERIOD;
-        let is_there = Role::all().any(|role| role != Role::Recorder && self.instance.is_running(role));
+        let is_there = Role::all().any(|role| !role.only_records() && self.instance.is_running(role));
         self.seen |= is_there;
         self.seen && !is_there
     }

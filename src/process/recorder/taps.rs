@@ -3,8 +3,8 @@
 use crate::config::{Config, DriveKind};
 use crate::ipc::{Channel, QuietFrameReceiver, Receiver, Services};
 use crate::messages::{
-    CameraHealth, DriveCommandMsg, DriveStateMsg, DriveTextMsg, FrameHeader, JointState, Measurement,
-    MessageRecord, RequestMsg, Status, TraceMsg,
+    CameraHealth, CameraId, DriveCommandMsg, DriveStateMsg, DriveTextMsg, FrameHeader, JointState,
+    Measurement, MessageRecord, RequestMsg, Status, TraceMsg, trace_flag,
 };
 use crate::process::vision::FrameCounter;
 use crate::process::{ProcessError, second_vision, shape_of};
@@ -26,9 +26,20 @@ pub struct ServiceCount {
     pub counter: SequenceCounter,
 }
 
+/// Where the run stands, as its last trace says.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(super) struct RunState {
+    /// Whether it is in a fault.
+    pub(super) has_fault: bool,
+    /// Whether that trace is the last one.
+    pub(super) is_over: bool,
+}
+
 /// One service.
 pub(super) trait ServiceTap<W: Write> {
-    /// Takes what there is; whether there was anything.
+    /// Adds its topics to a recording that begins, which it writes to from now on.
+    fn begin(&mut self, writer: &mut RecordingWriter<W>) -> Result<(), ProcessError>;
+    /// Takes what there is, after a recording has begun; whether there was anything.
     fn take_all(&mut self, writer: &mut RecordingWriter<W>) -> Result<bool, ProcessError>;
     /// What came of it so far.
     fn count(&self) -> ServiceCount;
@@ -36,11 +47,23 @@ pub(super) trait ServiceTap<W: Write> {
     fn ticks(&self) -> Option<u64> {
         None
     }
+    /// Where the run stood at the last that was taken, where it tells that.
+    fn run_state(&self) -> Option<RunState> {
+        None
+    }
+    /// Whether it takes frames.
+    fn takes_frames(&self) -> bool {
+        false
+    }
 }
 
 /// Name and place of a record that travels by itself: the number that its sender gave it, and its instant.
 trait SequencedRecord {
     fn number(&self) -> (u64, MonoNs);
+    /// Where the run stands by it.
+    fn run_state(&self) -> Option<RunState> {
+        None
+    }
 }
 
 macro_rules! numbered {
@@ -58,7 +81,6 @@ numbered! {
     // one for each frame, or each frame of the left camera that has its pair
     Measurement: frames_received, exposure;
     JointState: sequence, stamp;
-    TraceMsg: sequence, stamp;
     Status: sequence, stamp;
     RequestMsg: sequence, stamp;
     DriveCommandMsg: sequence, stamp;
@@ -66,20 +88,38 @@ numbered! {
     DriveTextMsg: sequence, stamp;
 }
 
+impl SequencedRecord for TraceMsg {
+    fn number(&self) -> (u64, MonoNs) {
+        (self.sequence, self.stamp)
+    }
+
+    fn run_state(&self) -> Option<RunState> {
+        Some(RunState { has_fault: self.fault != 0, is_over: self.flags & trace_flag::LAST != 0 })
+    }
+}
+
 struct RecordTap<T: MessageRecord + ZeroCopySend + Debug + 'static> {
     service: Channel,
     receiver: Receiver<T>,
-    topic: RecordTopic<T>,
+    topic: Option<RecordTopic<T>>,
     counter: SequenceCounter,
+    run_state: Option<RunState>,
 }
 
 impl<W: Write, T: MessageRecord + SequencedRecord + ZeroCopySend + Debug> ServiceTap<W> for RecordTap<T> {
+    fn begin(&mut self, writer: &mut RecordingWriter<W>) -> Result<(), ProcessError> {
+        self.topic = Some(writer.add_records(&topic(self.service))?);
+        Ok(())
+    }
+
     fn take_all(&mut self, writer: &mut RecordingWriter<W>) -> Result<bool, ProcessError> {
+        let Some(topic) = self.topic else { return Ok(false) };
         for taken in 0..MAX_IN_A_ROW {
             let Some(record) = self.receiver.receive()? else { return Ok(taken > 0) };
             let (sequence, stamp) = record.number();
             self.counter.count(sequence);
-            writer.write(self.topic, sequence, stamp, &record)?;
+            self.run_state = record.run_state().or(self.run_state);
+            writer.write(topic, sequence, stamp, &record)?;
         }
         Ok(true)
     }
@@ -91,24 +131,35 @@ impl<W: Write, T: MessageRecord + SequencedRecord + ZeroCopySend + Debug> Servic
     fn ticks(&self) -> Option<u64> {
         self.counter.next().filter(|_| self.service == Channel::Trace)
     }
+
+    fn run_state(&self) -> Option<RunState> {
+        self.run_state
+    }
 }
 
 struct FrameTap {
-    service: Channel,
+    camera: CameraId,
     receiver: QuietFrameReceiver,
-    images: ImageTopic,
-    headers: RecordTopic<FrameHeader>,
+    topics: Option<(RecordTopic<FrameHeader>, ImageTopic)>,
     counter: FrameCounter,
 }
 
 impl<W: Write> ServiceTap<W> for FrameTap {
+    fn begin(&mut self, writer: &mut RecordingWriter<W>) -> Result<(), ProcessError> {
+        let id = self.camera;
+        let images = writer.add_images(&topic(Channel::Frame(id)), &format!("camera_{id}"))?;
+        self.topics = Some((writer.add_records(&format!("/camera/{id}/frame_header"))?, images));
+        Ok(())
+    }
+
     fn take_all(&mut self, writer: &mut RecordingWriter<W>) -> Result<bool, ProcessError> {
+        let Some((headers, images)) = &self.topics else { return Ok(false) };
         for taken in 0..MAX_IN_A_ROW {
             let Some(frame) = self.receiver.receive()? else { return Ok(taken > 0) };
             let header = frame.header();
             self.counter.count(&header);
-            writer.write(self.headers, header.frame_id, header.exposure, &header)?;
-            writer.write_image(&self.images, &header, frame.pixels())?;
+            writer.write(*headers, header.frame_id, header.exposure, &header)?;
+            writer.write_image(images, &header, frame.pixels())?;
         }
         Ok(true)
     }
@@ -116,7 +167,11 @@ impl<W: Write> ServiceTap<W> for FrameTap {
     fn count(&self) -> ServiceCount {
         let FrameCounter { received, dropped, .. } = self.counter;
         let counter = SequenceCounter::of(received, dropped);
-        ServiceCount { service: self.service.to_string(), counter }
+        ServiceCount { service: Channel::Frame(self.camera).to_string(), counter }
+    }
+
+    fn takes_frames(&self) -> bool {
+        true
     }
 }
 
@@ -128,42 +183,39 @@ fn topic(service: Channel) -> String {
 fn records<W: Write, T: MessageRecord + SequencedRecord + ZeroCopySend + Debug + 'static>(
     service: Channel,
     receiver: Receiver<T>,
-    writer: &mut RecordingWriter<W>,
-) -> Result<Box<dyn ServiceTap<W>>, ProcessError> {
-    let topic = writer.add_records(&topic(service))?;
-    Ok(Box::new(RecordTap { service, receiver, topic, counter: SequenceCounter::default() }))
+) -> Box<dyn ServiceTap<W>> {
+    let counter = SequenceCounter::default();
+    Box::new(RecordTap { service, receiver, topic: None, counter, run_state: None })
 }
 
-/// Ends of all services of a run.
+/// Ends of all services of a run, for which a recording is still to begin.
 pub(super) fn open<W: Write>(
     config: &Config,
     services: &Services,
-    writer: &mut RecordingWriter<W>,
 ) -> Result<Vec<Box<dyn ServiceTap<W>>>, ProcessError> {
     // First, so that of every tick that it has taken everything else is taken too.
-    let mut taps = vec![records(Channel::Trace, services.trace_receiver()?, writer)?];
+    let mut taps = vec![records(Channel::Trace, services.trace_receiver()?)];
     for camera in config.cameras() {
-        let (id, service) = (camera.id, Channel::Frame(camera.id));
+        let id = camera.id;
         taps.push(Box::new(FrameTap {
-            service,
+            camera: id,
             receiver: services.frame_recorder(id, shape_of(camera, config.clock))?,
-            images: writer.add_images(&topic(service), &format!("camera_{id}"))?,
-            headers: writer.add_records(&format!("/camera/{id}/frame_header"))?,
+            topics: None,
             counter: FrameCounter::default(),
         }));
-        taps.push(records(Channel::Health(id), services.health_receiver(id)?, writer)?);
+        taps.push(records(Channel::Health(id), services.health_receiver(id)?));
     }
     for id in std::iter::once(config.camera.id).chain(second_vision(config)) {
-        taps.push(records(Channel::Measurement(id), services.measurement_recorder(id)?, writer)?);
+        taps.push(records(Channel::Measurement(id), services.measurement_recorder(id)?));
     }
-    taps.push(records(Channel::JointState, services.joint_state_recorder()?, writer)?);
-    taps.push(records(Channel::Status, services.status_recorder()?, writer)?);
-    taps.push(records(Channel::Request, services.request_recorder()?, writer)?);
+    taps.push(records(Channel::JointState, services.joint_state_recorder()?));
+    taps.push(records(Channel::Status, services.status_recorder()?));
+    taps.push(records(Channel::Request, services.request_recorder()?));
     if config.drive.kind == DriveKind::External {
         let (commands, states) = services.drive_recorders()?;
-        taps.push(records(Channel::DriveCommand, commands, writer)?);
-        taps.push(records(Channel::DriveState, states, writer)?);
-        taps.push(records(Channel::DriveText, services.drive_text_receiver()?, writer)?);
+        taps.push(records(Channel::DriveCommand, commands));
+        taps.push(records(Channel::DriveState, states));
+        taps.push(records(Channel::DriveText, services.drive_text_receiver()?));
     }
     Ok(taps)
 }

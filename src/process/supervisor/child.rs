@@ -96,6 +96,9 @@ impl Child {
         if let Some(file) = outputs.recording.filter(|_| role == Role::Recorder) {
             command.arg("--out").arg(file);
         }
+        if let Some(settings) = outputs.black_box.filter(|_| role == Role::BlackBox) {
+            command.args(["--last", &settings.last.as_s().to_string()]).arg("--out").arg(&settings.folder);
+        }
         if role == Role::Control {
             command.arg("--json").stdout(Stdio::piped());
         }

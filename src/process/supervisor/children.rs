@@ -47,7 +47,8 @@ const REPORT_EVERY: SpanNs = SpanNs(2_000_000_000);
 pub(super) struct Children<'a> {
     pub(super) control: Child,
     pub(super) others: Vec<Child>,
-    recorder: Option<Child>,
+    recorders: Vec<Child>,
+    ended_recorders: Vec<Child>,
     instance: &'a Instance,
     written: &'a File,
     outputs: RunOutputs<'a>,
@@ -68,11 +69,16 @@ impl<'a> Children<'a> {
         let longest_stop = longest_stop(config);
         let shutdown_of_others =
             if outputs.report.is_some() { SHUTDOWN_WITH_IMAGES } else { SHUTDOWN_OF_OTHERS };
-        let mut recorder = None;
+        let mut recorders = Vec::new();
         if outputs.recording.is_some() {
             let heart = Heart::of(Role::Recorder, instance, now());
-            let child = recorder.insert(Child::spawn(Role::Recorder, instance, written, outputs)?);
-            wait_for_recorder(child, instance, heart);
+            let mut child = Child::spawn(Role::Recorder, instance, written, outputs)?;
+            wait_for_recorder(&mut child, instance, heart);
+            recorders.push(child);
+        }
+        if outputs.black_box.is_some() {
+            // It keeps what comes late, so that nobody waits for it.
+            recorders.push(Child::spawn(Role::BlackBox, instance, written, outputs)?);
         }
         let mut guardian = guardian::is_wanted(config)
             .then(|| Child::spawn(Role::Guardian, instance, written, outputs))
@@ -85,7 +91,8 @@ impl<'a> Children<'a> {
         let mut children = Self {
             control,
             others: guardian.into_iter().collect(),
-            recorder,
+            recorders,
+            ended_recorders: Vec::new(),
             instance,
             written,
             outputs,
@@ -138,7 +145,7 @@ impl<'a> Children<'a> {
         let (guardian, others) = self.others.split_at_mut(guardians);
         end_all(guardian, SHUTDOWN_OF_GUARDIAN);
         end_all(others, self.shutdown_of_others);
-        end_all(self.recorder.as_mut_slice(), SHUTDOWN_OF_RECORDER);
+        end_all(&mut self.recorders, SHUTDOWN_OF_RECORDER);
         let end = self.control.wait();
         (end, self.control.take_output().and_then(|text| serde_json::from_str(&text).ok()))
     }
@@ -168,9 +175,21 @@ impl<'a> Children<'a> {
         }
     }
 
+    /// Tells of recorders that have ended before the run.
+    pub(super) fn tell_of_recorders(&mut self) {
+        for recorder in self.recorders.extract_if(.., |recorder| recorder.poll().is_some()) {
+            warn!(
+                "the {} has ended before the run, which goes on: nothing is kept any more",
+                recorder.role()
+            );
+            self.ended_recorders.push(recorder);
+        }
+    }
+
     /// What each process used; known after the shut-down.
     pub(super) fn usages(&self) -> BTreeMap<String, ProcessUsage> {
-        let all = self.others.iter().chain([&self.control]).chain(&self.recorder);
+        let all =
+            self.others.iter().chain([&self.control]).chain(&self.recorders).chain(&self.ended_recorders);
         all.filter_map(|c| Some((c.role().to_string(), c.usage()?))).collect()
     }
 }

@@ -16,6 +16,7 @@ mod progress;
 mod reap;
 mod restarts;
 
+use super::recorder::BlackBoxSettings;
 use super::{ProcessError, ReportFolder, StopFlag, shape_of, watched_roles};
 use crate::config::Config;
 use crate::control::outcome::Outcome;
@@ -53,6 +54,8 @@ pub struct RunOutputs<'a> {
     pub report: Option<&'a ReportFolder>,
     /// The file of its recording.
     pub recording: Option<&'a Path>,
+    /// The black box, which keeps what was sent before a fault.
+    pub black_box: Option<&'a BlackBoxSettings>,
 }
 
 /// How a run ended.
@@ -92,7 +95,7 @@ impl InstanceGuard {
         // Children of a supervisor that was just killed need a moment to end.
         let deadline = now() + PREDECESSOR;
         // A recorder may have come first, so as to miss nothing.
-        let disturbs = |role: &Role| !matches!(role, Role::Supervisor | Role::Recorder);
+        let disturbs = |role: &Role| *role != Role::Supervisor && !role.only_records();
         let other = || Role::all().find(|role| disturbs(role) && instance.is_running(*role));
         while let Some(role) = other() {
             if now() > deadline {
@@ -262,6 +265,7 @@ impl Watch {
                 break None;
             }
             self.mend(children);
+            children.tell_of_recorders();
             let ended = children.others.iter_mut().filter_map(|c| c.poll().map(|end| (c.role(), end)));
             let (restarts, hang_watch) = (&mut self.restarts, &mut self.hang_watch);
             let ended = ended.filter(|(role, end)| {

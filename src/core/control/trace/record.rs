@@ -1,9 +1,9 @@
 //! The record of a tick as it is sent: a flat structure, in which enumerations are codes.
 
-use super::{Event, Trace};
+use super::{CommandTrace, Event, Events, FrameStamps, LatencyStages, MeasurementRecord, Trace};
 use crate::control::safety::Fault;
-use crate::messages::{MAX_JOINTS, TRACE_LIMITS, TraceMsg, joint_flag, trace_flag};
-use crate::motion::Limit;
+use crate::messages::{ControlState, JointState, MAX_JOINTS, TRACE_LIMITS, TraceMsg, joint_flag, trace_flag};
+use crate::motion::{ActingLimits, Limit};
 use crate::servo::{MeasurementVerdict, NoTask};
 
 impl Trace {
@@ -73,6 +73,71 @@ impl Trace {
     }
 }
 
+impl Trace {
+    /// The trace of a record, as far as that tells: without what only the mission and the report of the same process know, and without the verdict on its measurement. The latency
+    /// counts where `one_clock` says that all stamps are of the same clock.
+    #[must_use]
+    pub fn of_record(m: &TraceMsg, one_clock: bool) -> Self {
+        let has = |flag: u32| m.flags & flag != 0;
+        let mut limits = ActingLimits::default();
+        for limit in Limit::ALL {
+            limits.add(limit, m.limits.get(limit as usize).copied().unwrap_or(0));
+        }
+        let fault = Fault::from_code(m.fault);
+        let mut events = Events::default();
+        for event in PLAIN_EVENTS.into_iter().chain(fault.map(Event::Fault)) {
+            if m.events >> event_number(event) & 1 == 1 {
+                events.push(event);
+            }
+        }
+        let frame = FrameStamps {
+            frame_id: m.frame_id,
+            camera: m.camera,
+            exposure: m.exposure,
+            sent: m.frame_sent,
+            vision_start: m.vision_start,
+            vision_end: m.vision_end,
+        };
+        let measurement_record = has(trace_flag::MEASUREMENT).then(|| MeasurementRecord {
+            frame,
+            verdict: None,
+            degraded: false,
+            error_px: m.feature_error_px,
+            latency: Some(LatencyStages::of(&frame, m.commanded, one_clock)),
+        });
+        Self {
+            joint_state: JointState {
+                sequence: m.sequence,
+                tick: m.tick,
+                stamp: m.stamp,
+                arm: m.arm,
+                joints: m.joints,
+                q: m.q,
+                qd: m.qd,
+                q_true: m.q_true,
+                qd_true: m.qd_true,
+                flags: if has(trace_flag::TRUTH) { joint_flag::TRUTH } else { 0 },
+                ..JointState::default()
+            },
+            command: CommandTrace { requested_qd: m.requested_qd, tau: m.tau, q_r: m.q_r, qd_r: m.qd_r },
+            commanded: m.commanded,
+            state: ControlState::from_code(m.state),
+            fault,
+            over: has(trace_flag::LAST),
+            inputs: m.flags,
+            orders: m.orders,
+            gives_orders: has(trace_flag::ORDERS_GIVEN),
+            lost: m.lost,
+            measurement_record,
+            limits,
+            external_torque: [m.external_torque, m.external_torque_sd],
+            measured_torque: m.measured_torque.iter().any(|tau| tau.is_finite()).then_some(m.measured_torque),
+            events,
+            ..Self::at(m.stamp)
+        }
+    }
+}
+
 fn verdict_code(verdict: MeasurementVerdict) -> u32 {
     match verdict {
         MeasurementVerdict::Used => 1,
@@ -129,6 +194,35 @@ const EVENT_WORDS: [&str; 27] = [
     "both_views",
 ];
 
+/// Events that are told by their bit alone; which fault there was is in the record, and which request is in that of the request.
+const PLAIN_EVENTS: [Event; 25] = [
+    Event::Holding,
+    Event::Resumed,
+    Event::Stopping,
+    Event::StampFromFuture,
+    Event::Inconsistent,
+    Event::Degraded,
+    Event::WholeAgain,
+    Event::StartsElsewhere,
+    Event::Taught,
+    Event::GoalReached,
+    Event::ImpossiblePose,
+    Event::GainReduced,
+    Event::Returning,
+    Event::MotionOver,
+    Event::GoalLeft,
+    Event::Arrived,
+    Event::RobotReady,
+    Event::RobotNotCleared,
+    Event::VelocityEnded,
+    Event::NeverSeen,
+    Event::Searching,
+    Event::LostAgain,
+    Event::FirstViewMissing,
+    Event::SecondViewMissing,
+    Event::BothViews,
+];
+
 fn event_number(event: Event) -> u32 {
     match event {
         Event::Holding => 0,
@@ -165,6 +259,7 @@ fn event_number(event: Event) -> u32 {
 mod tests {
     use super::*;
     use crate::control::lifecycle::Request;
+    use crate::time::MonoNs;
 
     #[test]
     fn words_of_a_mask_are_those_of_its_events() {
@@ -204,5 +299,40 @@ mod tests {
         }
         assert_eq!(event_words(u32::MAX).count(), all.len());
         assert_eq!(event_words(0b101).collect::<Vec<_>>(), ["holding", "stopping"]);
+    }
+
+    /// What a record tells comes back from it.
+    #[test]
+    fn a_record_comes_back_from_its_trace() {
+        let mut m = TraceMsg {
+            tick: 7,
+            sequence: 6,
+            lost: 2,
+            stamp: MonoNs(7_000_000),
+            commanded: MonoNs(7_040_000),
+            frame_id: 3,
+            exposure: MonoNs(1_000_000),
+            frame_sent: MonoNs(2_000_000),
+            vision_start: MonoNs(3_000_000),
+            vision_end: MonoNs(4_000_000),
+            feature_error_px: 1.25,
+            joints: 4,
+            state: ControlState::Fault as u32,
+            fault: super::Fault::TrackingError.code(),
+            orders: 5,
+            flags: trace_flag::MEASUREMENT | trace_flag::TRUTH | trace_flag::ORDERS_GIVEN,
+            tau: std::array::from_fn(|i| i as f64 - 0.5),
+            ..Trace::at(MonoNs(0)).record()
+        };
+        for (i, joints) in m.limits.iter_mut().enumerate().take(Limit::ALL.len()) {
+            *joints = 1 << (i % 7);
+        }
+        m.events = PLAIN_EVENTS.iter().fold(1 << 3, |bits, event| bits | 1 << event_number(*event));
+        // Of one tick as many as have room.
+        m.events &= 0b1111_1100;
+        let again = Trace::of_record(&m, true).record();
+        assert_eq!(format!("{again:?}"), format!("{m:?}"));
+        let latency = Trace::of_record(&m, true).measurement_record.unwrap().latency.unwrap();
+        assert_eq!(latency.exposure_to_command.unwrap().0, 6_040_000);
     }
 }
