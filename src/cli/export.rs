@@ -2,13 +2,15 @@
 
 use super::shown;
 use crate::export::{ViewerKind, write_for_viewers, write_tables};
+use crate::input::{printable, used};
 use crate::process::{OpenRecording, ProcessError};
 use crate::record::RecordingError;
+use crate::rt::tell;
 use clap::{Args, ValueEnum};
 use std::fmt::Write as _;
 use std::fs::File;
 use std::io::BufWriter;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Whom a recording is exported for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -37,6 +39,12 @@ pub struct ExportArguments {
     pub out: PathBuf,
 }
 
+/// The names of the tables in a folder.
+fn tables_in(folder: &Path) -> impl Iterator<Item = String> {
+    let names = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    names.filter_map(|entry| entry.file_name().into_string().ok()).filter(|name| name.ends_with(".csv"))
+}
+
 /// Exports a recording; the exit code.
 pub(super) fn export(arguments: &ExportArguments) -> Result<u8, ProcessError> {
     let OpenRecording { reader, config, .. } = OpenRecording::open(&arguments.recording, &[])?;
@@ -51,9 +59,17 @@ pub(super) fn export(arguments: &ExportArguments) -> Result<u8, ProcessError> {
         ExportFor::Csv => {
             std::fs::create_dir_all(out).map_err(unwritten)?;
             let open = |name: &str| Ok(BufWriter::new(File::create(out.join(name))?));
-            for table in write_tables(reader, &config, open).map_err(wrong)? {
+            let tables = write_tables(reader, &config, open).map_err(wrong)?;
+            for table in &tables {
                 // a String takes everything
                 let _ = writeln!(text, "{:<32} {:>9} rows", table.file, table.rows);
+            }
+            for other in tables_in(out).filter(|name| tables.iter().all(|table| table.file != *name)) {
+                let place = out.join(&other);
+                tell(format_args!(
+                    "vservo: warning: {} is not of this recording, and was there before",
+                    printable(&place.display().to_string())
+                ));
             }
             return Ok(shown(&text, 0));
         }
@@ -61,7 +77,8 @@ pub(super) fn export(arguments: &ExportArguments) -> Result<u8, ProcessError> {
         ExportFor::Ros2 => ViewerKind::Ros2,
         ExportFor::Rerun => ViewerKind::Rerun,
     };
-    if out.exists() && std::fs::canonicalize(out).ok() == std::fs::canonicalize(&arguments.recording).ok() {
+    // By whatever name.
+    if std::fs::metadata(out).is_ok_and(|found| used::is_used(&found)) {
         return Err(ProcessError::NoCommand("--out: is the recording itself; name another file".into()));
     }
     let sink = BufWriter::new(File::create(out).map_err(unwritten)?);

@@ -64,6 +64,9 @@ pub(super) fn replay(arguments: &ReplayArguments) -> Result<u8, ProcessError> {
 fn frames_text(found: &MeasuredAgain) -> String {
     let MeasuredAgain { frames, without_frame, difference } = found;
     let mut text = match difference {
+        None if *frames == 0 => {
+            "no measurement has its frame in the recording: there is nothing to compare\n".to_owned()
+        }
         None => format!("identical: {frames} measurements\n"),
         Some(difference) => format!("differs after {} measurements: {difference}\n", frames - 1),
     };

@@ -198,7 +198,9 @@ fn written(config: &Config, key: &str) -> Result<f64, String> {
     }
     match at {
         Some(toml::Value::Float(value)) => Ok(value),
-        Some(toml::Value::Integer(value)) => Ok(value as f64),
+        Some(toml::Value::Integer(_)) => {
+            Err(format!("{key}: is a whole number; tune varies keys of any value between two, such as gains"))
+        }
         Some(_) => Err(format!("{key}: is not a number")),
         None => Err(format!("{key}: is no key of a run file, or has no value there; give it one with --set")),
     }

@@ -1,7 +1,7 @@
 //! What messages for viewers have in common: their form, and the names of frames.
 
 use super::definitions::{definition, full_name};
-use crate::config::FIRST_TARGET;
+use crate::config::{Config, FIRST_TARGET};
 use crate::messages::CameraId;
 use crate::time::MonoNs;
 
@@ -15,6 +15,15 @@ pub(super) const TARGET: &str = "target";
 /// That of the target with this name in the run file.
 pub(super) fn target_frame(name: &str) -> String {
     if name == FIRST_TARGET { TARGET.to_owned() } else { format!("{TARGET}_{name}") }
+}
+
+/// The names of the frames of the first target of `cell`, as one camera has it, and of the camera at its goal. A second camera that controls the arm has a target and a goal of its own.
+pub(super) fn target_and_goal(cell: &Config) -> (String, String) {
+    let of = |name: &str| match cell.camera.id {
+        CameraId::FIRST => name.to_owned(),
+        id => format!("{name}_{}", camera_frame(id)),
+    };
+    (of(TARGET), of("goal"))
 }
 
 /// Red, green, blue and opacity, 0 to 1.

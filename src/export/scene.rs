@@ -3,7 +3,7 @@
 
 use super::cdr::CdrOutput;
 use super::derived_message::{
-    AnnotationColour, BASE, DerivedMessage, FLANGE, TARGET, camera_frame, target_frame,
+    AnnotationColour, BASE, DerivedMessage, FLANGE, camera_frame, target_and_goal, target_frame,
 };
 use crate::config::Config;
 use crate::geometry::Pose;
@@ -51,18 +51,22 @@ pub(super) fn scene(config: &Config, stamp: MonoNs, [seen, wanted]: [AnnotationC
         let frame = camera_frame(camera.id);
         entities.push(SceneEntity { id: frame.clone(), frame, lines, ..SceneEntity::default() });
     }
-    let points: Vec<Point3<f64>> = config.target.points().iter().map(|point| point.p_O).collect();
-    let apart = |a: &Point3<f64>| points.iter().map(|b| (b - a).norm()).fold(0.0, f64::max);
-    let size_m = POINT_SHARE * points.first().map_or(0.0, apart);
-    let mut marks = vec![(TARGET.to_owned(), seen, points.clone())];
-    for further in &config.further_targets {
-        let points = further.target.points().iter().map(|point| point.p_O).collect();
-        marks.push((target_frame(&further.name), seen, points));
+    let mut marks = Vec::new();
+    for cell in std::iter::once(config).chain(config.second_view.as_ref().map(|second| &*second.cell)) {
+        let (target, goal) = target_and_goal(cell);
+        let points: Vec<Point3<f64>> = cell.target.points().iter().map(|point| point.p_O).collect();
+        let apart = |a: &Point3<f64>| points.iter().map(|b| (b - a).norm()).fold(0.0, f64::max);
+        let size_m = POINT_SHARE * points.first().map_or(0.0, apart);
+        marks.push((target, seen, size_m, points.clone()));
+        for further in &cell.further_targets {
+            let points = further.target.points().iter().map(|point| point.p_O).collect();
+            marks.push((target_frame(&further.name), seen, size_m, points));
+        }
+        if cell.set_point.X_DO().is_some() && !cell.goal.is_taught {
+            marks.push((goal, wanted, size_m, points));
+        }
     }
-    if config.set_point.X_DO().is_some() && !config.goal.is_taught {
-        marks.push(("goal".to_owned(), wanted, points));
-    }
-    for (frame, colour, points) in marks {
+    for (frame, colour, size_m, points) in marks {
         let points = points.iter().map(|point| (*point, size_m, colour)).collect();
         entities.push(SceneEntity { id: frame.clone(), frame, points, ..SceneEntity::default() });
     }

@@ -64,9 +64,10 @@ impl MonitorKeys {
                 self.in_sequence = true;
                 None
             }
-            CTRL_C | b'q' => Some(MonitorOrder::Quit),
+            CTRL_C => Some(MonitorOrder::Quit),
             b'y' if asked => Some(MonitorOrder::Stop),
             _ if asked => None,
+            b'q' => Some(MonitorOrder::Quit),
             b's' => Some(MonitorOrder::Start),
             b'h' => Some(MonitorOrder::Hold),
             b't' => Some(MonitorOrder::Teach),
@@ -97,6 +98,7 @@ mod tests {
         // The key after the question answers it, and does nothing else.
         assert_eq!(typed("xsy"), []);
         assert_eq!(typed("xx"), []);
+        assert_eq!(typed("xq"), []);
         assert_eq!(typed("xnyxy"), [MonitorOrder::Stop]);
     }
 

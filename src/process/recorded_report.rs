@@ -127,13 +127,14 @@ fn images<R: Read>(
     let mut header: Option<FrameHeader> = None;
     let id = config.camera.id;
     let topics = ["frame_header", "frame"].map(|name| format!("/camera/{id}/{name}"));
+    let of_vision = format!("/vision/{id}/measurement");
     while let Some(message) = reader.next_message()? {
         let topic = message.topic();
         if topic == topics[0] {
             header = Some(message.record()?);
         } else if topic == topics[1] {
             frames.extend(header.take().zip(message.image().ok().map(|image| image.pixels.to_vec())));
-        } else if topic.starts_with("/vision/") {
+        } else if topic == of_vision {
             measurements.push_back(message.record()?);
         }
         let of = |m: &Measurement, h: &FrameHeader| (m.frame_id, m.exposure) == (h.frame_id, h.exposure);

@@ -4,7 +4,7 @@ use super::run_again::differs;
 use super::{Difference, ReplayError};
 use crate::config::{Clock, Config, assemble};
 use crate::imaging::ImageView;
-use crate::messages::{FrameHeader, JointState, Measurement};
+use crate::messages::{FrameHeader, JointState, Measurement, TraceMsg};
 use crate::record::RecordingReader;
 use crate::vision::{Carrier, Frame, Prior, TargetChoice, TargetSet};
 use std::collections::VecDeque;
@@ -37,7 +37,7 @@ struct VisionAgain {
 /// Measures the frames of a recording of a run of `config`, from whose messages nothing was taken yet, and compares up to the first difference.
 ///
 /// # Errors
-/// When the recording cannot be read, or the run has a pair of cameras.
+/// When the recording cannot be read, begins after its run, or the run has a pair of cameras.
 pub fn measure_again<R: Read>(
     reader: &mut RecordingReader<R>,
     config: &Config,
@@ -55,7 +55,7 @@ pub fn measure_again<R: Read>(
     );
     // A measurement may stand before its frame or before the joint states that vision had.
     let mut waiting: VecDeque<Measurement> = VecDeque::new();
-    let mut header = None;
+    let (mut header, mut has_begun) = (None, false);
     while let Some(message) = reader.next_message()? {
         match message.topic() {
             topic if topic == frame_header => header = Some(message.record::<FrameHeader>()?),
@@ -65,6 +65,12 @@ pub fn measure_again<R: Read>(
                 }
             }
             "/control/joint_state" => again.states.push_back(message.record()?),
+            "/control/trace" if !std::mem::replace(&mut has_begun, true) => {
+                let first: TraceMsg = message.record()?;
+                if first.sequence > 0 {
+                    return Err(ReplayError::NoBegin(first.sequence));
+                }
+            }
             topic if topic == measurement => waiting.push_back(message.record()?),
             _ => {}
         }

@@ -82,6 +82,20 @@ fn each_fault_leaves_the_time_before_and_after_it() {
     let tables = folder.path().join("tables");
     let export = vservo().args(["export", "--for", "csv", "--out"]).arg(&tables).arg(first).output().unwrap();
     assert!(export.status.success(), "{export:?}");
+    let explain = vservo().arg("explain").arg(second).output().unwrap();
+    let told = String::from_utf8(explain.stdout).unwrap();
+    assert!(explain.status.success() && told.starts_with("Ended by a fault"), "{told}");
+    for words in [
+        "a stop was latched from outside",
+        "the recording begins at tick",
+        "start on request",
+        "reset on request",
+    ] {
+        assert!(told.contains(words), "{words}: {told}");
+    }
+    let page = folder.path().join("page");
+    let report = vservo().arg("report").arg(first).arg(&page).output().unwrap();
+    assert!(report.status.success() && page.join("index.html").exists(), "{report:?}");
     daemon.accepts("shutdown");
     assert_eq!(daemon.ended().0, Some(0));
     assert_eq!(boxes(folder.path(), &name).len(), 2, "the end of a daemon is no fault");
