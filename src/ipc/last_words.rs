@@ -1,5 +1,5 @@
-//! Why the program of an external drive has ended, and why the guardian has stopped the arm: texts that they leave in the instance's directory, for the summary of
-//! the run.
+//! Why the program of an external drive has ended, why the guardian has stopped the arm, and why the supervisor ends a run: texts that they leave in the instance's
+//! directory, for the summary of the run and its recording.
 
 use super::Instance;
 use super::runtime_dir::RuntimeDir;
@@ -10,6 +10,7 @@ use std::io::{Read, Write};
 /// The files' names.
 const OF_DRIVE: &str = "drive.txt";
 const OF_GUARDIAN: &str = "guardian.txt";
+const OF_SUPERVISOR: &str = "supervisor.txt";
 /// The most that is read of one, bytes. Chosen by hand: some sentences.
 const MOST: u64 = 2000;
 
@@ -34,6 +35,17 @@ impl Instance {
     #[must_use]
     pub fn words_of_guardian(&self) -> Option<String> {
         self.words(OF_GUARDIAN)
+    }
+
+    /// Leaves the reason for which the supervisor ends the run before its time: a process that died or hangs.
+    pub fn leave_words_of_supervisor(&self, words: &str) {
+        self.leave_words(OF_SUPERVISOR, words);
+    }
+
+    /// The reason that the supervisor has left, in one line.
+    #[must_use]
+    pub fn words_of_supervisor(&self) -> Option<String> {
+        self.words(OF_SUPERVISOR)
     }
 
     fn leave_words(&self, name: &str, words: &str) {

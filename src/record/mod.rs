@@ -39,6 +39,8 @@ pub const ABOUT: &str = "vservo";
 pub const END: &str = "vservo.end";
 /// Name of the attachment with the run file as resolved.
 pub const RUN_FILE: &str = "run.toml";
+/// The key of [`END`] with the reason for which the supervisor ended the run before its time, which control does not know.
+pub const FAILURE: &str = "failure";
 
 impl From<McapError> for RecordingError {
     /// What the system says is of the disk; what a decompressor says is of the file.

@@ -7,7 +7,7 @@ use crate::config::{Config, DriveKind};
 use crate::control::trace::FrameStamps;
 use crate::drive::DriveProperties;
 use crate::messages::{DriveTextMsg, Measurement, RequestMsg, TraceMsg, text_kind, trace_flag};
-use crate::record::{RUN_FILE, RecordingReader};
+use crate::record::{END, FAILURE, RUN_FILE, RecordingReader};
 use crate::robot::Robot;
 use crate::time::MonoNs;
 use std::collections::VecDeque;
@@ -170,6 +170,15 @@ impl<R: Read> RecordedRun<R> {
     /// The requests that have been read, in the order of their answers.
     pub(super) fn requests(&mut self) -> impl Iterator<Item = RequestMsg> {
         self.requests.drain(..)
+    }
+
+    /// Why the supervisor ended the run before its time, where it did; reads to the end of the file.
+    ///
+    /// # Errors
+    /// When it cannot be read.
+    pub fn failure(&mut self) -> Result<Option<String>, ReplayError> {
+        while self.reader.next_message()?.is_some() {}
+        Ok(self.reader.metadata().get(END).and_then(|end| end.get(FAILURE)).cloned())
     }
 
     /// What is missing, where the run cannot be followed any further.

@@ -52,12 +52,22 @@ fn read(path: &Path) -> Kept {
     Kept { traces, frames, images, states, end }
 }
 
+/// Until it takes what is sent: it has the segments of the camera and of control.
+fn wait_for_black_box(daemon: &Daemon) {
+    let recorder = wait_for_process(&daemon.instance, "record");
+    let segments = || {
+        let maps = std::fs::read_to_string(format!("/proc/{recorder}/maps")).unwrap();
+        maps.lines().filter(|line| line.ends_with(".data")).count()
+    };
+    wait_until("the black box to take what is sent", || segments() >= 4);
+}
+
 #[test]
 fn each_fault_leaves_the_time_before_and_after_it() {
     let folder = tempfile::tempdir().unwrap();
     let daemon = Daemon::start("boxfault", &["--black-box", folder.path().to_str().unwrap()]);
     let name = daemon.instance.name.clone();
-    wait_for_process(&daemon.instance, "record");
+    wait_for_black_box(&daemon);
     for count in 1..=2 {
         daemon.accepts("start");
         daemon.wait_for("servoing");
@@ -74,7 +84,8 @@ fn each_fault_leaves_the_time_before_and_after_it() {
         let fault = kept.traces.iter().rposition(|t| t.fault == 0).unwrap() + 1;
         let (at, last) = (kept.traces[fault].stamp, kept.traces.last().unwrap().stamp);
         assert!((last - at).as_s() > 1.0, "the way to rest is in it");
-        assert!(fault > 100 && kept.images > 2 && !kept.states.is_empty());
+        let counts = (fault, kept.images, kept.states.len());
+        assert!(fault > 100 && kept.images > 2 && !kept.states.is_empty(), "{counts:?}");
         let newest = kept.frames.iter().map(|frame| frame.exposure).max().unwrap();
         assert!((last - newest).as_s().abs() < 1.0, "frames of that time");
     }
@@ -106,9 +117,7 @@ fn a_control_that_is_killed_leaves_its_last_seconds() {
     let folder = tempfile::tempdir().unwrap();
     let daemon = Daemon::start("boxkill", &["--black-box", folder.path().to_str().unwrap()]);
     let name = daemon.instance.name.clone();
-    let recorder = wait_for_process(&daemon.instance, "record");
-    let is_joined = || std::fs::read_to_string(format!("/proc/{recorder}/maps")).unwrap().contains(".data");
-    wait_until("the black box to have its ports", is_joined);
+    wait_for_black_box(&daemon);
     daemon.accepts("start");
     daemon.wait_for("servoing");
     kill(wait_for_process(&daemon.instance, "control"), "KILL");

@@ -48,6 +48,7 @@ fn read(path: &Path) -> Recorded {
             "/control/trace" => all.traces.push(message.record().unwrap()),
             "/control/status" => all.statuses.push(message.record().unwrap()),
             "/control/request" => all.requests.push(message.record().unwrap()),
+            drive if drive.starts_with("/drive/") => {}
             other => panic!("{other}"),
         }
     }
@@ -254,6 +255,23 @@ fn a_recorder_joins_a_running_instance_and_ends_with_it() {
     assert_eq!(last - first + 1, r.traces.len() as u64 + lost);
     let nobody = vservo().args(["record", "--instance", "recnobody", "--out", "/dev/null"]).output().unwrap();
     assert_eq!(nobody.status.code(), Some(5));
+}
+
+/// Control was told to end, and does not know why; the recording does.
+#[test]
+fn the_reason_of_the_supervisor_is_in_the_recording() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = file(&folder);
+    let command = r#"drive.external.command=["/bin/sh","-c","sleep 1; exit 7"]"#;
+    let set = ["--set", "drive.kind=external", "--set", "drive.mode=velocity", "--set", command];
+    let run = run("recwhy", &[&["ur5", "--record", path.to_str().unwrap()], &set[..]].concat());
+    assert_eq!(run.output.status.code(), Some(4), "{}", run.text());
+    let reason = run.summary["reason"].as_str().unwrap();
+    assert!(reason.contains("the drive process ended"), "{reason}");
+    assert!(read(&path).end["failure"].contains("the drive process ended"));
+    let explained = vservo().arg("explain").arg(&path).output().unwrap();
+    let told = String::from_utf8(explained.stdout).unwrap();
+    assert!(told.starts_with("Ended by a fault") && told.contains("the drive process ended"), "{told}");
 }
 
 /// Of a run that goes on there is something to record at each look.

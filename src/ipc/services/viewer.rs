@@ -102,7 +102,8 @@ impl Services {
         ];
         let texts = self.publish_subscribe::<DriveTextMsg>(Channel::DriveText, TEXT_BUFFER)?;
         let texts = texts.dynamic_config().number_of_subscribers();
-        if readers.iter().any(|count| *count < own || *count + 1 >= MAX_READERS) || texts + 1 >= MAX_READERS {
+        let (most, places) = (readers[0].max(readers[1]).max(texts), RECORDERS);
+        if readers.iter().any(|count| *count < own) || most + places >= MAX_READERS {
             return Ok(None);
         }
         Ok(Some(DriveViews {
@@ -134,9 +135,12 @@ impl Services {
     }
 }
 
+/// Places that who watches leaves: a recorder and a black box may come.
+const RECORDERS: usize = 2;
+
 /// Refuses where `readers` would leave no place to a recorder.
 fn leave_a_place(service: Channel, readers: usize) -> Result<(), IpcError> {
-    if readers + 1 < MAX_READERS {
+    if readers + RECORDERS < MAX_READERS {
         return Ok(());
     }
     let why = format!("ExceedsMaxSupportedSubscribers: {readers} read it, and a place is left to a recorder");

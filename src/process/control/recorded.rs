@@ -4,6 +4,7 @@ use super::deadlines::Deadlines;
 use super::recorded_part::of_part;
 use super::{Pace, run_files, summary};
 use crate::config::{Clock, Config};
+use crate::control::outcome::Outcome;
 use crate::messages::CameraId;
 use crate::mission::LockstepRun;
 use crate::replay::{ControlAgain, How, RecordedRun, ReplayError};
@@ -32,10 +33,16 @@ pub fn recorded_results<R: Read>(
     recorded: &mut RecordedRun<R>,
     config: &Config,
 ) -> Result<RecordedResults, ReplayError> {
-    if recorded.is_part() {
-        return crate::dispatch_robot!(config.robot, |robot| of_part(recorded, config, robot))?;
+    let mut results = if recorded.is_part() {
+        crate::dispatch_robot!(config.robot, |robot| of_part(recorded, config, robot))??
+    } else {
+        crate::dispatch_robot!(config.robot, |robot| of_robot(recorded, config, robot))??
+    };
+    // Control was told to end, and by its own account it did; as in the summary of the run.
+    if let Some(failure) = recorded.failure()? {
+        (results.summary.outcome, results.summary.reason) = (Outcome::Fault, failure);
     }
-    crate::dispatch_robot!(config.robot, |robot| of_robot(recorded, config, robot))?
+    Ok(results)
 }
 
 fn of_robot<R: Read, const N: usize>(

@@ -88,9 +88,9 @@ impl KeptBlocks {
         let oldest = block.began - self.longest;
         self.bytes += block.bytes.len();
         self.blocks.push_back(Arc::new(block));
-        while let Some(first) = self.blocks.front()
-            && self.blocks.len() > 1
-            && (first.began < oldest || self.bytes > self.room)
+        // One goes when the next one is old enough.
+        while let (Some(first), Some(next)) = (self.blocks.front(), self.blocks.get(1))
+            && (next.began < oldest || self.bytes > self.room)
         {
             self.bytes -= first.bytes.len();
             self.blocks.pop_front();
@@ -155,4 +155,32 @@ fn recording_of(
 /// The key of how many messages of `topic` were recorded.
 fn recorded_key(topic: &str) -> String {
     format!("{}: recorded", topic.trim_start_matches('/'))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn kept(longest_ms: i64, room: usize, blocks: i64) -> Vec<i64> {
+        let ms = |ms: i64| SpanNs(ms * 1_000_000);
+        let mut kept = KeptBlocks { longest: ms(longest_ms), room, ..KeptBlocks::default() };
+        for k in 0..blocks {
+            // Blocks are a little longer than they should be.
+            kept.keep(Block { began: MonoNs(0) + ms(510 * k), bytes: vec![0; 10] });
+        }
+        assert_eq!(kept.bytes, 10 * kept.blocks.len());
+        kept.blocks.iter().map(|block| block.began.0 / 510_000_000).collect()
+    }
+
+    #[test]
+    fn what_is_kept_is_as_long_as_asked_for_and_fits() {
+        assert_eq!(
+            kept(1000, 1000, 20),
+            [17, 18, 19],
+            "the oldest one began more than a second before the newest"
+        );
+        assert_eq!(kept(1000, 20, 20), [18, 19]);
+        assert_eq!(kept(1000, 5, 20), [19], "the newest one stays");
+        assert_eq!(kept(60_000, 1000, 3), [0, 1, 2]);
+    }
 }

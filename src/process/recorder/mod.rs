@@ -12,7 +12,7 @@ pub use taps::ServiceCount;
 use super::{Membership, ProcessError, StopFlag, priority};
 use crate::config::{Clock, Config};
 use crate::ipc::{Instance, Role};
-use crate::record::{RUN_FILE, RecordingWriter};
+use crate::record::{FAILURE, RUN_FILE, RecordingWriter};
 use crate::rt::{now, unix_origin};
 use crate::time::SpanNs;
 use disk::DiskQueue;
@@ -70,6 +70,9 @@ impl FinishedRecording {
         for ServiceCount { service, counter } in self.services.iter().filter(|s| s.counter.recorded > 0) {
             // a String takes everything
             let _ = writeln!(text, "  {service:<22} {:>9} recorded, {} lost", counter.recorded, counter.lost);
+        }
+        if self.failure.is_some() {
+            text += "  of these the last second or more is not in the file, which could not be written any more\n";
         }
         text
     }
@@ -146,7 +149,10 @@ pub fn run(
     };
     let services = taps.iter().map(|tap| tap.count()).collect();
     let mut end = FinishedRecording { path: path.into(), wall: now() - start, services, failure };
-    let closed = writer.finish(&end.facts())?.close();
+    let mut facts = end.facts();
+    // What control cannot know: it was told to end.
+    facts.extend(instance.words_of_supervisor().map(|words| (FAILURE.to_owned(), words)));
+    let closed = writer.finish(&facts)?.close();
     end.failure = end.failure.or(closed.err());
     Ok(end)
 }

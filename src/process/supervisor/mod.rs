@@ -294,6 +294,7 @@ impl Watch {
         self.progress.end();
         if let Some(failure) = &failure {
             error!("{}", failure.how);
+            self.instance.leave_words_of_supervisor(&failure.how); // for the recorder, which ends last
         }
         failure
     }
