@@ -266,7 +266,8 @@ impl Fault {
                  an arm that passed it in motion follows worse than workspace.margin_m allows"
             }
             Self::TooFastInSpace => {
-                "camera or flange were commanded to be faster than [workspace] allows, by a tenth and for 0.1 s: this is a defect of the program"
+                "camera or flange were faster than [workspace] allows, by a tenth and for 0.1 s: under a law that outputs torques (A, C), whose reference is the measured arm, lower its gains ([servo.pd]), or tell what \
+                 the arm carries ([tool]); elsewhere they were commanded so, by a defect of the program"
             }
             Self::RobotProtectiveStop => {
                 "the robot reports a protective stop, by which it has stopped the arm itself: find its cause at the robot; `vservo ctl reset` has \
