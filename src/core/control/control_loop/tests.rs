@@ -3,8 +3,9 @@ use crate::config::{Config, assemble};
 use crate::control::outcome::Outcome;
 use crate::drive::{CommandMode, SimulatedDrive};
 use crate::mission::LockstepRun;
-use crate::sim::perfect_measurement;
+use crate::sim::{Moment, perfect_measurement, simulate_system};
 use crate::time::TICK;
+use std::ops::ControlFlow;
 
 /// A UR5 whose states a test may spoil, by the tick.
 struct Spoilt {
@@ -132,4 +133,34 @@ fn a_shutdown_of_an_arm_that_nobody_sees_ends_as_a_fault() {
     let end = run_spoilt(&["drive.mode=velocity", "run.serve=true"], no_number, Some(5000));
     assert_eq!(end.faults.last(), Some(&(5000, Fault::RestUnknown)));
     assert_eq!(end.run.mission.finish().unwrap().outcome, Outcome::Fault);
+}
+
+/// A push that makes a joint too fast before it is told as a contact, and ones that fling a wrist to ten times its limit and more: at the end of each run the arm stands.
+#[test]
+fn an_arm_that_a_push_has_made_too_fast_comes_to_rest() {
+    let mut fastest = 0.0_f64;
+    for (arm, force, from_s, until_s) in [
+        ("panda", "[84,-80,31]", 0.4, 0.9),
+        ("panda", "[-302.9,40.1,-170.6]", 0.45, 0.95),
+        ("panda", "[-59.3,4.9,-80.3]", 0.58, 0.88),
+        ("xarm7", "[284.2,-102.0,177.0]", 0.31, 0.81),
+    ] {
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../config/{arm}.toml"));
+        let push = format!("drive.simulated.push={{force_n={force},from_s={from_s},until_s={until_s}}}");
+        let set = ["drive.mode=torque", "servo.scheme=position_pd", "safety.contact=stop", &push];
+        let config = Config::load(Some(&path), &set.map(str::to_owned)).unwrap();
+        let (mut fault, mut last) = (None, f64::NAN);
+        simulate_system(&config, &mut |moment| {
+            if let Moment::Tick(trace, _) = moment {
+                fault = fault.or(trace.fault);
+                last = trace.joint_state.qd_true.iter().fold(0.0, |most: f64, qd| most.max(qd.abs()));
+                fastest = fastest.max(last);
+            }
+            ControlFlow::Continue(())
+        })
+        .unwrap();
+        assert_eq!(fault, Some(Fault::TooFast), "{arm} {force}");
+        assert!(last < 0.02, "{arm} {force}: {last} rad/s");
+    }
+    assert!(fastest > 30.0, "none was flung: {fastest} rad/s");
 }

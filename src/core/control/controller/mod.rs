@@ -421,12 +421,7 @@ impl<const N: usize> Controller<N> {
             if self.mode == CommandMode::Torque && (astray || self.floats()) {
                 self.reference.reset_to_measured(&state.q, qd);
                 self.joint_control.damp(qd.amax() > SLOW || self.floats());
-                // What the working joints do, learnt as a disturbance, would drive one whose encoder says nothing.
-                if is_wild || is_overdue || self.encoder_watch.distrusted() != [false; N] {
-                    self.joint_control.brake_by_joint(&state.q);
-                } else if self.is_let_go(now) {
-                    self.joint_control.brake_by_model();
-                }
+                self.choose_brake(now, (&state.q, qd), (is_wild, is_overdue));
             }
             self.joint_control.learn_in_fault(self.learns_in_fault());
             return None;
