@@ -30,7 +30,7 @@ pub use motion::JointControl;
 pub(super) use motion::RawMotion;
 pub use named_goal::{RawNamedGoal, RawPosture};
 pub(super) use second_view::RawSecondView;
-pub(super) use servo::{AreaKind, DampingOn, Depth, FeatureGain, Gains, PoseFrom, RawServo};
+pub(super) use servo::{AreaKind, DampingOn, Depth, FeatureGain, Gains, PoseFrom, RawPd, RawServo};
 pub use servo::{SchemeKind, SetPointKind};
 pub(super) use stereo::{RawStereo, RawTaughtPoint, RawTaughtView};
 pub(super) use truth::{RawTrueArm, RawTrueCamera, RawTrueLens, RawTrueTarget};

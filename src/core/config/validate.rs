@@ -4,6 +4,7 @@ mod camera;
 mod drive;
 mod faults;
 mod held_torque;
+mod law_strength;
 mod lens;
 mod motion;
 mod mount;
@@ -239,6 +240,7 @@ pub(super) fn validate(
             if let (Some(robot), true) = (&robot, arm_is_good) {
                 let arm = (robot, raw.robot.q_start_rad_or_m.as_slice());
                 held_torque::doubtful_held_damping(servo, arm, camera, check);
+                law_strength::doubtful_strength(&servo.law, &raw.servo.pd, arm, camera, check);
             }
         }
     }

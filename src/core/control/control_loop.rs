@@ -4,11 +4,11 @@
 //! ```text
 //! orders, requests, stops ─► [ControlLoop] ─► Trace, one a tick
 //! end asked for ─► the arm brakes within its limits ─► measured arm at rest ─► the last tick
-//!                       └─ still moving 3 s after its reference came to rest: a fault ─► the last tick
+//!                       └─ still moving 3 s after its reference came to rest, or no state that tells: a fault ─► the last tick
 //! ```
 //! It does not allocate, log or fail.
 
-use crate::control::controller::{Controller, Rest};
+use crate::control::controller::{Controller, Rest, UnknownJoint};
 use crate::control::lifecycle::{Refusal, Request, State};
 use crate::control::order::ControlOrder;
 use crate::control::records::{command_trace, joint_state, padded};
@@ -49,6 +49,8 @@ pub struct ControlLoop<const N: usize> {
     stopped: Option<&'static str>,
     joint_state: JointState,
     events: Events,
+    /// The joint of which nobody could tell whether it stood when the loop ended.
+    unknown: Option<UnknownJoint>,
     /// What the drive told of its robot at this tick, and since when a reset waits for that.
     robot: RobotReport,
     clears_since: Option<MonoNs>,
@@ -73,6 +75,7 @@ impl<const N: usize> ControlLoop<N> {
             stopped: None,
             joint_state: JointState::default(),
             events: Events::default(),
+            unknown: None,
             robot: RobotReport::default(),
             clears_since: None,
             inputs: 0,
@@ -134,8 +137,12 @@ impl<const N: usize> ControlLoop<N> {
         output.events.iter().for_each(|event| self.events.push(event));
         // In lockstep there are no more states when the drive does not answer, so that it makes no sense to wait for the arm to come to rest.
         let is_cut_off = !self.settings.one_clock && matches!(output.fault, Some(Fault::Drive(_)));
-        let over =
-            (is_cut_off && (self.ends || !self.settings.served)) || (self.ends && self.comes_to_its_end());
+        let is_cut_off = is_cut_off && (self.ends || !self.settings.served);
+        let over = if is_cut_off && self.settings.moves_an_arm {
+            self.ends_as(Fault::RestUnknown)
+        } else {
+            is_cut_off || (self.ends && self.comes_to_its_end())
+        };
         if over {
             self.drive.end(&self.controller.last_command());
         }
@@ -186,16 +193,23 @@ impl<const N: usize> ControlLoop<N> {
             return true;
         }
         match self.controller.rest() {
-            Rest::AtRest | Rest::Unknown => true,
-            Rest::Restless => {
-                self.events.push(Event::Fault(Fault::NotAtRest));
-                true
-            }
+            Rest::AtRest => true,
+            Rest::Restless => self.ends_as(Fault::NotAtRest),
+            Rest::Unknown => self.ends_as(Fault::RestUnknown),
             Rest::Moving => {
                 let _ = self.controller.request(Request::Shutdown); // nothing refuses it
                 false
             }
         }
+    }
+
+    /// This is the last tick although the arm is not known to stand: tells so.
+    fn ends_as(&mut self, fault: Fault) -> bool {
+        self.events.push(Event::Fault(fault));
+        if fault == Fault::RestUnknown {
+            self.unknown = self.controller.unknown_joint(&self.sensed);
+        }
+        true
     }
 
     /// Brings the arm to rest and ends the loop with `reason`.
@@ -322,6 +336,12 @@ impl<const N: usize> ControlLoop<N> {
         self.drive.end(&self.controller.last_command());
     }
 
+    /// The joint of which nobody could tell whether it stood when the loop ended; `None` where all were seen.
+    #[must_use]
+    pub fn unknown_joint(&self) -> Option<UnknownJoint> {
+        self.unknown
+    }
+
     /// Ticks that found no new state of the drive in time.
     #[must_use]
     pub fn late_drive_states(&self) -> u64 {
@@ -352,3 +372,6 @@ impl<const N: usize> ControlLoop<N> {
         self.ticks
     }
 }
+
+#[cfg(test)]
+mod tests;

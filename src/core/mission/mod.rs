@@ -267,6 +267,9 @@ impl<const N: usize> Mission<N> {
                 }
                 // The fault that came first is the reason, this one its consequence.
                 Event::Fault(Fault::NotAtRest) => self.end.decide(Finish::fault(Fault::NotAtRest)),
+                Event::Fault(Fault::RestUnknown) => {
+                    self.end.decide(Finish::fault(trace.fault.unwrap_or(Fault::RestUnknown)));
+                }
                 Event::Holding | Event::MotionOver => {
                     self.task.hear(event).into_iter().for_each(|finish| self.end.decide(finish));
                 }

@@ -52,15 +52,18 @@ impl<const N: usize> MotionLimits<N> {
     /// rad or m counts instead), and far below the numbers whose squares overflow.
     #[must_use]
     pub fn is_plausible(&self, q: &SVector<f64, N>, qd: &SVector<f64, N>, times: f64) -> bool {
-        (0..N).all(|i| {
-            let (lower, upper) = (self.lower[i], self.upper[i]);
-            let is_near = if (upper - lower).is_finite() {
-                (q[i] - upper).max(lower - q[i]) <= (upper - lower).max(1.0)
-            } else {
-                q[i].abs() <= LONGEST_RANGE
-            };
-            is_near && qd[i].abs() <= times * self.speed(i)
-        })
+        (0..N).all(|i| self.is_near_range(i, q[i]) && qd[i].abs() <= times * self.speed(i))
+    }
+
+    /// Whether `q` (rad or m) is no farther outside the range of joint `i`, counted from 0, than the range is long.
+    #[must_use]
+    pub fn is_near_range(&self, i: usize, q: f64) -> bool {
+        let (lower, upper) = (self.lower[i], self.upper[i]);
+        if (upper - lower).is_finite() {
+            (q - upper).max(lower - q) <= (upper - lower).max(1.0)
+        } else {
+            q.abs() <= LONGEST_RANGE
+        }
     }
 
     /// The velocity limit of joint `i`, counted from 0, for plausibility checks: at least 1 rad/s or m/s, and finite.

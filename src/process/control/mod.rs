@@ -322,6 +322,8 @@ fn summary<const N: usize>(
         (Outcome::Fault, _, Some(words)) => format!("{}: {words}", finish.reason),
         _ => finish.reason.into(),
     };
+    let unknown = control.unknown_joint().map(|joint| joint.in_words(&joint_names));
+    let reason = [Some(reason), unknown].into_iter().flatten().collect::<Vec<_>>().join("; ");
     Summary {
         outcome: finish.outcome,
         reason,

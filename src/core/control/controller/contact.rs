@@ -94,16 +94,42 @@ impl<const N: usize> Controller<N> {
         self.fault == Some(Fault::Contact) && self.reaction == ContactReaction::Float
     }
 
-    /// Whether nothing acts any more on an arm that a contact has stopped: the motors do what they are told, and the model tells what the arm does.
+    /// Whether nothing acts on the arm any more: the motors do what they are told, and the model tells what the arm does.
     pub(super) fn is_let_go(&self, now: MonoNs) -> bool {
-        self.fault == Some(Fault::Contact) && self.touched_at.is_none_or(|at| now - at > LET_GO)
+        self.touched_at.is_none_or(|at| now - at > LET_GO)
+    }
+
+    /// Chooses what brakes an arm in a fault that does not brake as it is commanded, in state `q` with the velocities `qd`: its model, or each joint by itself.
+    pub(super) fn choose_brake(
+        &mut self,
+        now: MonoNs,
+        (q, qd): (&SVector<f64, N>, &SVector<f64, N>),
+        (is_wild, is_overdue): (bool, bool),
+    ) {
+        // What the working joints do, learnt as a disturbance, would drive one whose encoder says nothing.
+        let heard = self.encoder_watch.distrusted() == [false; N];
+        let is_let_go = self.is_let_go(now);
+        let is_slow = (0..N).all(|i| qd[i].abs() < self.arm.limits.velocity[i]);
+        let control = &mut self.joint_control;
+        if is_wild || !heard {
+            control.brake_by_joint(q);
+        } else if !is_overdue {
+            if self.fault == Some(Fault::Contact) && is_let_go {
+                control.brake_by_model();
+            }
+        } else if !control.brakes_by_joint() {
+            control.brake_by_joint_for_good(q);
+        } else if is_let_go && is_slow {
+            control.brake_by_model_once(&self.arm.robot, q, qd);
+        }
     }
 
     /// Whether disturbances are learnt on in a fault. An arm that moves on is not held by what was learnt before; what pressed against something is, and what the robot's
-    /// own brakes hold. What pushes an arm is no property of it: learnt, it would drive the arm on when the push ends.
+    /// own brakes hold. What pushes an arm is no property of it: learnt, it would drive the arm on when the push ends; nor is what moves one that each joint brakes by itself.
     pub(super) fn learns_in_fault(&self) -> bool {
         let is_held = self.fault.is_some_and(Fault::is_of_robot) || self.rest_watch.is_at_rest();
-        self.fault != Some(Fault::Contact) && (self.joint_control.damps() || !is_held)
+        let is_pushed = self.fault == Some(Fault::Contact) || self.joint_control.brakes_by_joint();
+        !is_pushed && (self.joint_control.damps() || !is_held)
     }
 
     /// What touches the arm in posture `q`, or stopped it where that fault stands.

@@ -42,6 +42,8 @@ use crate::time::{MonoNs, SpanNs, TICK};
 use contact::WayBack;
 use motion::TickMotion;
 use nalgebra::{SVector, Vector6};
+use rest::Standstill;
+pub use rest::UnknownJoint;
 use returning::ReturnWatch;
 
 /// A reference that is this near to the measured arm (rad or m; rad/s or m/s) is not reset to it. Chosen by hand: four steps of the
@@ -108,14 +110,7 @@ pub struct Controller<const N: usize> {
     /// When something was last felt on the arm.
     touched_at: Option<MonoNs>,
     back: Option<WayBack<N>>,
-    rest: Rest,
-    /// When the reference came to rest while the arm is to stand, and when braking began.
-    rests_since: Option<MonoNs>,
-    brakes_since: Option<MonoNs>,
-    /// Whether the arm has come to rest since then.
-    has_rested: bool,
-    /// Longest time from any motion to rest.
-    longest_braking: SpanNs,
+    standstill: Standstill<N>,
     events: Events,
 }
 
@@ -169,11 +164,7 @@ impl<const N: usize> Controller<N> {
             encoder_watch: EncoderWatch::default(),
             rest_watch: RestWatch::default(),
             touched_at: None,
-            rest: Rest::Moving,
-            rests_since: None,
-            brakes_since: None,
-            longest_braking: braking,
-            has_rested: false,
+            standstill: Standstill::new(braking),
             events: Events::default(),
         }
     }
@@ -209,7 +200,7 @@ impl<const N: usize> Controller<N> {
     /// Whether the arm is at rest.
     #[must_use]
     pub fn rest(&self) -> Rest {
-        self.rest
+        self.standstill.rest
     }
 
     /// The command that the drive is to hold when no other follows: the last one that passed the gate, at zero velocity.
@@ -299,7 +290,7 @@ impl<const N: usize> Controller<N> {
         {
             self.fail(fault);
         }
-        self.note_rest(now, seen && self.encoder_watch.distrusted() == [false; N]);
+        self.note_rest(now, seen.then_some(&measured));
         ControlOutput {
             command,
             state: self.state,
@@ -331,7 +322,8 @@ impl<const N: usize> Controller<N> {
                 self.reset_to_measured(&believed);
             }
         }
-        if self.rest == Rest::AtRest || (self.rest == Rest::Unknown && self.fault.is_some()) {
+        let rest = self.rest();
+        if rest == Rest::AtRest || (rest == Rest::Unknown && self.fault.is_some()) {
             self.cue(Cue::AtRest);
         }
         self.cue(if confidence > 0.0 && state.is_some() { Cue::InView } else { Cue::OutOfView });
@@ -385,7 +377,7 @@ impl<const N: usize> Controller<N> {
     /// Resets the reference to the measured arm, if it is not there already. While one of the two moves, this makes the reference's velocity
     /// jump, which is allowed in a fault only: a torque towards a wrong reference would keep the arm moving. What passes the gate never jumps.
     fn reset_to_measured(&mut self, state: &DriveState<N>) {
-        let stands = !self.gate.is_open() || self.rest == Rest::AtRest;
+        let stands = !self.gate.is_open() || self.rest() == Rest::AtRest;
         // A drive in position or velocity mode continues from its last command: there the reference approaches the arm within the limits.
         let obeyed = self.mode != CommandMode::Torque && self.gate.is_open();
         if obeyed || !(stands || self.fault.is_some()) {
@@ -429,12 +421,7 @@ impl<const N: usize> Controller<N> {
             if self.mode == CommandMode::Torque && (astray || self.floats()) {
                 self.reference.reset_to_measured(&state.q, qd);
                 self.joint_control.damp(qd.amax() > SLOW || self.floats());
-                // What the working joints do, learnt as a disturbance, would drive one whose encoder says nothing.
-                if is_wild || is_overdue || self.encoder_watch.distrusted() != [false; N] {
-                    self.joint_control.brake_by_joint(&state.q);
-                } else if self.is_let_go(now) {
-                    self.joint_control.brake_by_model();
-                }
+                self.choose_brake(now, (&state.q, qd), (is_wild, is_overdue));
             }
             self.joint_control.learn_in_fault(self.learns_in_fault());
             return None;

@@ -5,7 +5,7 @@
 //! | the last good measurement grows old, from `slow_down_from` of `measurement_timeout` on | the motion command fades: the arm slows down |
 //! | no good measurement for `measurement_timeout`, or a moving object too uncertain | reference slows down within its limits, arm holds, run goes on; the next good measurement resumes it |
 //! | the arm does not start within `start_tolerance` of where the run file says | it does not move, run ends as fault, unless it may start elsewhere |
-//! | drive reports NaN, infinity, or an implausible state (10 times the speed limit, a jump, a whole range outside the range) | the arm is assumed to be on its reference, which slows down; run ends as fault |
+//! | drive reports NaN, infinity, or an implausible state (10 times the speed limit without having been seen to come to it, a jump, a whole range outside the range) | the arm is assumed to be on its reference, which slows down; run ends as fault |
 //! | a joint is faster than 1.5 times its limit over 20 ms, or before a drive that obeys torques 1.25 times in most of 100 ms or a third of 0.4 s | reference is put on the measured arm and slows down, run ends as fault |
 //! | a joint does not follow its reference over 400 ms, or is farther from it than `tracking_error` | likewise |
 //! | a joint swings about its reference (under a law that outputs torques there is none): four times within 0.5 s, with 0.5 rad/s and more | likewise |
@@ -19,6 +19,7 @@
 //! | any end of a run: goal, time, request, fault | the reference slows down within its limits, and the run ends when the measured arm is at rest (`run_end`) |
 //! | `max_missed_deadlines_in_a_row` ticks missed in a row | protective stop: reference slows down, arm holds, run ends as fault |
 //! | the measured arm still moves 3 s after its reference came to rest | the run ends as fault, with the last command |
+//! | the reference rests, and for 0.2 s no usable state has told whether the arm does | the run ends as fault, with the last command |
 //! | a stop is latched (`ipc/stop_word.rs`) | the reference slows down, the run ends as fault |
 //! | the companion takes no trace for 3 s | likewise: no measurement and no order arrives any more, and nothing else would end the run |
 //! | lockstep: a measurement does not come for 10 s | reference slows down, arm holds, run ends as fault |
@@ -71,6 +72,8 @@ pub enum Fault {
     Drive(DriveFault),
     /// The measured arm did not come to rest although its reference did.
     NotAtRest,
+    /// The reference came to rest, and no usable state tells whether the arm did.
+    RestUnknown,
     /// In lockstep: camera and vision do not deliver a measurement that is due.
     PeersSilent,
     /// The arm does not start where the run file says.
@@ -117,7 +120,7 @@ pub enum Fault {
 
 impl Fault {
     /// All faults, with their codes in the protocol of the messages; those of a drive are 17 to 20. A code never changes its meaning.
-    const CODES: [(Self, u32); 30] = [
+    const CODES: [(Self, u32); 31] = [
         (Self::DriveStateNotFinite, 1),
         (Self::DriveStateImplausible, 2),
         (Self::TrackingError, 3),
@@ -144,6 +147,7 @@ impl Fault {
         (Self::RobotOff, 34),
         (Self::RobotError, 35),
         (Self::RobotHalted, 36),
+        (Self::RestUnknown, 37),
         (Self::Drive(DriveFault::Stale), 17),
         (Self::Drive(DriveFault::Left), 18),
         (Self::Drive(DriveFault::Silent), 19),
@@ -222,6 +226,9 @@ impl Fault {
             }
             Self::Drive(fault) => fault.describe(),
             Self::NotAtRest => "the arm still moves although it was brought to rest: see to its drive",
+            Self::RestUnknown => {
+                "the run ends while nobody can tell whether the arm stands, because what the drive says of its joints is not usable: see that it stands before you go near"
+            }
             Self::PeersSilent => {
                 "a measurement did not come although the loop waited for it: the camera or the vision process hangs"
             }
@@ -259,7 +266,8 @@ impl Fault {
                  an arm that passed it in motion follows worse than workspace.margin_m allows"
             }
             Self::TooFastInSpace => {
-                "camera or flange were commanded to be faster than [workspace] allows, by a tenth and for 0.1 s: this is a defect of the program"
+                "camera or flange were faster than [workspace] allows, by a tenth and for 0.1 s: under a law that outputs torques (A, C), whose reference is the measured arm, lower its gains ([servo.pd]), or tell what \
+                 the arm carries ([tool]); elsewhere they were commanded so, by a defect of the program"
             }
             Self::RobotProtectiveStop => {
                 "the robot reports a protective stop, by which it has stopped the arm itself: find its cause at the robot; `vservo ctl reset` has \

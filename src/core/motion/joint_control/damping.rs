@@ -9,6 +9,8 @@
 //!
 //! Springs and dampers that are stable for the lightest motion are weak for the heaviest: a Panda whose first and third axes nearly coincide swings as a whole for seconds about `a`. So an arm that was made too
 //! fast by a push is braked by its model again as soon as nothing pushes it: `-c B qd` lets every motion decay at the same rate `c`, 16 1/s by default, which is stable with late commands too.
+//! Where no contact was told, as where a push made it too fast at once, that is tried a single time, when it has slowed down and should rest: what brakes an arm lets its kinetic energy fall, and where that
+//! rises, a motor is dead or the model wrong, and each joint is braked by itself again.
 
 use super::torque::JointTorque;
 use super::{Feedback, JointController, SOFT_SHARE};
@@ -24,6 +26,9 @@ const SPRING_1_S: f64 = 10.0;
 /// of 5 ms, which is stable.
 const DAMPER_1_S: f64 = 2.0 * SPRING_1_S;
 
+/// Share of the kinetic energy with which an arm begins to be braked by its model once more, from which on that has failed. Chosen by hand: velocities that are off by a twentieth make as much.
+const MORE_ENERGY: f64 = 1.1;
+
 impl<const N: usize> JointController<N> {
     /// While soft: compensates gravity and damps motion, whatever the reference, or ends that. Inertia in
     /// motion and friction of the model are left out, because a wrong model could drive the arm.
@@ -38,9 +43,31 @@ impl<const N: usize> JointController<N> {
         }
     }
 
+    /// The same where its model has braked it so far, which has had its time and is not tried again; nothing where it is tried once more already.
+    pub fn brake_by_joint_for_good(&mut self, q: &SVector<f64, N>) {
+        if self.energy.is_none() {
+            self.brake_by_joint(q);
+            self.energy = Some(0.0);
+        }
+    }
+
+    /// Brakes by the model again, unless that was tried in this fault, and as long as the arm at `q` with the velocities `qd` gets no more kinetic energy by it.
+    pub fn brake_by_model_once(&mut self, robot: &Robot<N>, q: &SVector<f64, N>, qd: &SVector<f64, N>) {
+        if self.braked_at.is_some() && self.energy.is_none() {
+            self.energy = Some(MORE_ENERGY * kinetic_energy(robot, q, qd));
+            self.braked_at = None;
+        }
+    }
+
+    /// Whether each joint is braked by itself.
+    #[must_use]
+    pub fn brakes_by_joint(&self) -> bool {
+        self.braked_at.is_some()
+    }
+
     /// Brakes by the model again: what made the joints move otherwise acts no more.
     pub fn brake_by_model(&mut self) {
-        self.braked_at = None;
+        (self.braked_at, self.energy) = (None, None);
     }
 
     /// Whether motion is damped, whatever the reference.
@@ -57,6 +84,9 @@ impl<const N: usize> JointController<N> {
         qd: &SVector<f64, N>,
     ) -> JointTorque<N> {
         let zero = SVector::zeros();
+        if self.energy.is_some_and(|most| kinetic_energy(robot, q, qd) > most) {
+            self.brake_by_joint(q);
+        }
         let unheard = self.observer.unheard();
         if let Some(anchor) = self.braked_at {
             // What is believed of a joint whose encoder says nothing drifts off: it is taken for where it was.
@@ -91,4 +121,9 @@ impl<const N: usize> JointController<N> {
         let unheld = Feedback { velocity: feedback.u * (0.5 * TICK.as_s()), ..feedback };
         self.commanded(robot, q, &wanted, &wanted, &unheld, (zero, zero, zero))
     }
+}
+
+/// That of an arm at `q` with the velocities `qd`, J.
+fn kinetic_energy<const N: usize>(robot: &Robot<N>, q: &SVector<f64, N>, qd: &SVector<f64, N>) -> f64 {
+    0.5 * qd.dot(&(robot.mass_matrix(q) * qd))
 }

@@ -63,6 +63,8 @@ pub struct JointController<const N: usize> {
     damps: bool,
     /// Where each joint is braked by itself, rad or m, if it is.
     braked_at: Option<SVector<f64, N>>,
+    /// The kinetic energy above which it is so again, J, since its model was tried once more in this fault; 0 where that is not to be.
+    energy: Option<f64>,
     /// Bounds the torque on joints that do not move.
     stall: StallGuard<N>,
     /// Estimates what the arm carries beyond its model.
@@ -103,6 +105,7 @@ impl<const N: usize> JointController<N> {
             soft: false,
             damps: false,
             braked_at: None,
+            energy: None,
             stall: StallGuard::default(),
             payload: None,
             rotors: None,
@@ -132,7 +135,7 @@ impl<const N: usize> JointController<N> {
     pub fn soften(&mut self, soft: bool) {
         if soft != self.soft {
             self.soft = soft;
-            (self.damps, self.braked_at) = (false, None);
+            (self.damps, self.braked_at, self.energy) = (false, None, None);
             self.observer.settle(soft);
         }
     }

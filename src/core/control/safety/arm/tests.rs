@@ -211,3 +211,39 @@ fn a_joint_that_lags_or_creeps_follows() {
         assert_eq!(told, None, "{k}");
     }
 }
+
+/// Blows that make joints faster than any arm, far beyond their ranges: such an arm has to be braked by its states.
+#[test]
+fn a_joint_that_is_seen_to_be_flung_is_believed() {
+    let (mut watch, mut q, mut qd) = (ArmWatch::default(), 0.0, 1.0);
+    let mut told = Vec::new();
+    for ms in 0..900 {
+        let acceleration = match ms {
+            100..110 => 4000.0,
+            300..420 => -350.0,
+            _ => 0.0,
+        };
+        q += qd * 1e-3 + 0.5e-6 * acceleration;
+        qd += acceleration * 1e-3;
+        told.push(note(&mut watch, ms, &state(q, qd)));
+    }
+    assert!(q > 9.0 && qd.abs() < 2.0, "{q} {qd}");
+    assert!(told.iter().all(|fault| fault.is_none_or(|fault| fault == Fault::TooFast)), "{told:?}");
+    assert_eq!(told.iter().position(Option::is_some), Some(104), "at 21 rad/s, before its window is full");
+    assert_eq!(told.last(), Some(&None));
+}
+
+#[test]
+fn readings_that_leap_or_contradict_themselves_are_not_believed() {
+    // A reading that leaps, whose velocity is computed from it; a velocity that grows while the joint stands.
+    let leaps = (0..50).map(|ms| match ms {
+        30 => state(0.23, 200.0),
+        ms => state(1e-3 * f64::from(ms), 1.0),
+    });
+    let grows = (0..50).map(|ms| state(0.0, 1.5_f64.powi(ms - 20)));
+    for states in [leaps.collect::<Vec<_>>(), grows.collect()] {
+        let mut watch = ArmWatch::default();
+        let told: Vec<_> = (0..).zip(&states).filter_map(|(ms, state)| note(&mut watch, ms, state)).collect();
+        assert_eq!(told.first(), Some(&Fault::DriveStateImplausible), "{told:?}");
+    }
+}

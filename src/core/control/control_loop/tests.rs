@@ -1,0 +1,166 @@
+use super::*;
+use crate::config::{Config, assemble};
+use crate::control::outcome::Outcome;
+use crate::drive::{CommandMode, SimulatedDrive};
+use crate::mission::LockstepRun;
+use crate::sim::{Moment, perfect_measurement, simulate_system};
+use crate::time::TICK;
+use std::ops::ControlFlow;
+
+/// A UR5 whose states a test may spoil, by the tick.
+struct Spoilt {
+    arm: SimulatedDrive<6>,
+    tick: u64,
+    spoil: fn(u64, &mut DriveState<6>),
+}
+
+impl Drive<6> for Spoilt {
+    fn read(&mut self, now: MonoNs) -> DriveState<6> {
+        let mut state = self.arm.read(now);
+        (self.spoil)(self.tick, &mut state);
+        self.tick += 1;
+        state
+    }
+
+    fn write(&mut self, command: &DriveCommand<6>) {
+        self.arm.write(command);
+    }
+
+    fn modes(&self) -> &'static [CommandMode] {
+        &CommandMode::ALL
+    }
+}
+
+/// How such a run ended: its faults as events, with their ticks, and the ticks for which the arm was told to stand at last.
+struct SpoiltEnd {
+    run: LockstepRun<6>,
+    faults: Vec<(u64, Fault)>,
+    stood: u64,
+}
+
+fn run_spoilt(set: &[&str], spoil: fn(u64, &mut DriveState<6>), shut_down_at: Option<u64>) -> SpoiltEnd {
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/ur5.toml");
+    let set: Vec<_> = set.iter().map(ToString::to_string).collect();
+    let config = Config::load(Some(&path), &set).unwrap();
+    let robot = config.robot.build::<6>().unwrap();
+    let points: Vec<_> = config.target.points().iter().map(|point| point.p_O).collect();
+    let q = assemble::q_start::<6>(&config).unwrap();
+    let arm = SimulatedDrive::new(robot.clone(), q, assemble::simulated_settings(&config).unwrap()).unwrap();
+    let drive = Box::new(Spoilt { arm, tick: 0, spoil });
+    let mut run = assemble::control_loop_with(&config, robot.clone(), drive).unwrap();
+    let (mut faults, mut stood) = (Vec::new(), 0);
+    if config.serve {
+        run.request(Request::Start).unwrap();
+    }
+    for tick in 0..20_000 {
+        let now = MonoNs(tick as i64 * TICK.0);
+        let state = run.sense(tick, now);
+        let q = SVector::from_fn(|i, _| state.q[i]);
+        let seen = tick.is_multiple_of(40) && state.q.iter().all(|q| q.is_finite());
+        let measurement = seen
+            .then(|| config.camera.mount.X_WC(&robot, &q).inv_mul(&config.X_WO().unwrap()))
+            .and_then(|X_CO| perfect_measurement(&points, &X_CO, now));
+        if shut_down_at == Some(tick) {
+            run.request(Request::Shutdown).unwrap();
+        }
+        let trace = run.act(now, measurement.as_ref());
+        faults.extend(trace.events.iter().filter_map(|event| match event {
+            Event::Fault(fault) => Some((tick, fault)),
+            _ => None,
+        }));
+        stood = if trace.command.qd_r.iter().all(|qd| qd.abs() < 1e-3) { stood + 1 } else { 0 };
+        if trace.over {
+            return SpoiltEnd { run, faults, stood };
+        }
+    }
+    panic!("it never ends");
+}
+
+fn no_number(tick: u64, state: &mut DriveState<6>) {
+    if tick >= 300 {
+        state.q[2] = f64::NAN;
+    }
+}
+
+fn absurdly_fast(tick: u64, state: &mut DriveState<6>) {
+    if tick >= 300 {
+        state.qd[5] = 1e3;
+    }
+}
+
+#[test]
+fn an_arm_that_is_not_seen_to_stand_is_braked_on_and_told() {
+    for mode in ["drive.mode=torque", "drive.mode=velocity"] {
+        for (spoil, first) in [
+            (no_number as fn(u64, &mut DriveState<6>), Fault::DriveStateNotFinite),
+            (absurdly_fast, Fault::DriveStateImplausible),
+        ] {
+            let end = run_spoilt(&[mode], spoil, None);
+            let told: Vec<_> = end.faults.iter().map(|(_, fault)| *fault).collect();
+            assert_eq!(told, [first, Fault::RestUnknown], "{mode}");
+            assert!(end.stood >= 200, "{mode}: told to stand for {} ms", end.stood);
+            let finish = end.run.mission.finish().unwrap();
+            assert_eq!((finish.outcome, finish.reason), (Outcome::Fault, first.describe()), "{mode}");
+            let unknown = end.run.control.unknown_joint().unwrap();
+            assert!(unknown.known.abs() < 3.0, "{mode}: {unknown:?}");
+            if first == Fault::DriveStateImplausible {
+                let words = unknown.in_words(&["", "", "", "", "", "wrist_3"]);
+                assert!(
+                    words.contains("whether joint \"wrist_3\" stood: its last known velocity was"),
+                    "{words}"
+                );
+                assert!(words.ends_with("rad/s, and the drive says 1000.00 rad/s"), "{words}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_state_that_comes_back_tells_whether_the_arm_stands() {
+    let spoil: fn(u64, &mut DriveState<6>) = |tick, state| {
+        if (300..550).contains(&tick) {
+            state.q[2] = f64::NAN;
+        }
+    };
+    let end = run_spoilt(&["drive.mode=velocity"], spoil, None);
+    assert_eq!(end.faults.len(), 1, "{:?}", end.faults);
+    assert_eq!((end.run.control.unknown_joint(), end.run.control.controller().rest()), (None, Rest::AtRest));
+}
+
+/// A served run does not end by a fault, and a shutdown is no orderly one where nobody knows.
+#[test]
+fn a_shutdown_of_an_arm_that_nobody_sees_ends_as_a_fault() {
+    let end = run_spoilt(&["drive.mode=velocity", "run.serve=true"], no_number, Some(5000));
+    assert_eq!(end.faults.last(), Some(&(5000, Fault::RestUnknown)));
+    assert_eq!(end.run.mission.finish().unwrap().outcome, Outcome::Fault);
+}
+
+/// A push that makes a joint too fast before it is told as a contact, and ones that fling a wrist to ten times its limit and more: at the end of each run the arm stands.
+#[test]
+fn an_arm_that_a_push_has_made_too_fast_comes_to_rest() {
+    let mut fastest = 0.0_f64;
+    for (arm, force, from_s, until_s) in [
+        ("panda", "[84,-80,31]", 0.4, 0.9),
+        ("panda", "[-302.9,40.1,-170.6]", 0.45, 0.95),
+        ("panda", "[-59.3,4.9,-80.3]", 0.58, 0.88),
+        ("xarm7", "[284.2,-102.0,177.0]", 0.31, 0.81),
+    ] {
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../config/{arm}.toml"));
+        let push = format!("drive.simulated.push={{force_n={force},from_s={from_s},until_s={until_s}}}");
+        let set = ["drive.mode=torque", "servo.scheme=position_pd", "safety.contact=stop", &push];
+        let config = Config::load(Some(&path), &set.map(str::to_owned)).unwrap();
+        let (mut fault, mut last) = (None, f64::NAN);
+        simulate_system(&config, &mut |moment| {
+            if let Moment::Tick(trace, _) = moment {
+                fault = fault.or(trace.fault);
+                last = trace.joint_state.qd_true.iter().fold(0.0, |most: f64, qd| most.max(qd.abs()));
+                fastest = fastest.max(last);
+            }
+            ControlFlow::Continue(())
+        })
+        .unwrap();
+        assert_eq!(fault, Some(Fault::TooFast), "{arm} {force}");
+        assert!(last < 0.02, "{arm} {force}: {last} rad/s");
+    }
+    assert!(fastest > 30.0, "none was flung: {fastest} rad/s");
+}
