@@ -372,6 +372,3 @@ impl<const N: usize> ControlLoop<N> {
         self.ticks
     }
 }
-
-#[cfg(test)]
-mod tests;

@@ -99,3 +99,6 @@ impl<const N: usize> LockstepRun<N> {
         self.mission.final_errors()
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -6,7 +6,6 @@
 use crate::config::Camera;
 use crate::config::check::Validation;
 use crate::config::raw::{Gains, RawPd};
-use crate::report::numbers::significant;
 use crate::robot::{Mount, Robot, RobotDescription, joint_in_words};
 use crate::servo::{Damping, Law, PoseGains};
 use nalgebra::SVector;
@@ -48,7 +47,7 @@ pub(super) fn doubtful_strength(
                 "this gain is for a larger arm: at the velocity limit of {} the damping that goes with it asks for {} times the joint's effort at the start, so that efforts cut the law and the \
                  camera goes another way than it leads; {stiffness_key} = {} and {damping_key} = {} ask for no more than the effort",
                 joint_in_words(&robot.joint_names(), joint),
-                significant(times, 2),
+                short(times),
                 lowered(stiffness, times),
                 lowered(damping, times),
             );
@@ -57,9 +56,15 @@ pub(super) fn doubtful_strength(
     }
 }
 
+/// A number above zero with two digits that mean something, or all before its point.
+fn short(value: f64) -> String {
+    let decimals = (1.0 - value.log10().floor()).clamp(0.0, 9.0) as usize;
+    format!("{value:.decimals$}")
+}
+
 /// These gains, so many times lower, as a run file has them.
 fn lowered(gains: &Gains, times: f64) -> String {
-    let one = |gain: &f64| significant(gain / times, 2);
+    let one = |gain: &f64| short(gain / times);
     let list = |gains: &[f64]| format!("[{}]", gains.iter().map(one).collect::<Vec<_>>().join(", "));
     match gains {
         Gains::One(gain) => one(gain),

@@ -1,7 +1,7 @@
 //! Whether the arm stands.
 
 use super::{Controller, Rest, State};
-use crate::drive::DriveState;
+use crate::drive::{CommandMode, DriveState};
 use crate::robot::joint_in_words;
 use crate::time::{MonoNs, SpanNs, TICK};
 use nalgebra::SVector;
@@ -108,9 +108,13 @@ impl<const N: usize> Controller<N> {
         let is_lost = is_over(stands.unseen_since, PATIENCE_UNHEARD);
         let patience = if heard && !is_lost { PATIENCE } else { PATIENCE_UNHEARD };
         let longest_braking = SpanNs(patience.0.saturating_add(stands.longest_braking.0));
-        let sees_it_stand = believed.is_some() && (!heard || self.rest_watch.is_at_rest());
-        stands.rest = if stands.rests_since.is_some() && sees_it_stand {
-            if heard { Rest::AtRest } else { Rest::Unknown }
+        let is_settled = match believed {
+            Some(_) => !heard || self.rest_watch.is_at_rest(),
+            // Torques do not brake what is not seen, and a load that nobody told sags under them: the drive's brakes are to hold it.
+            None => self.mode == CommandMode::Torque,
+        };
+        stands.rest = if stands.rests_since.is_some() && is_settled {
+            if heard && believed.is_some() { Rest::AtRest } else { Rest::Unknown }
         } else if is_over(stands.rests_since, patience)
             || (brakes && is_over(stands.brakes_since, longest_braking))
         {

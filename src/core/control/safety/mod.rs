@@ -19,7 +19,7 @@
 //! | any end of a run: goal, time, request, fault | the reference slows down within its limits, and the run ends when the measured arm is at rest (`run_end`) |
 //! | `max_missed_deadlines_in_a_row` ticks missed in a row | protective stop: reference slows down, arm holds, run ends as fault |
 //! | the measured arm still moves 3 s after its reference came to rest | the run ends as fault, with the last command |
-//! | the reference rests, and for 0.2 s no usable state has told whether the arm does | the run ends as fault, with the last command |
+//! | the reference rests, and no usable state tells whether the arm does; before a drive that closes its own loop for 0.2 s | the run ends as fault, with the last command |
 //! | a stop is latched (`ipc/stop_word.rs`) | the reference slows down, the run ends as fault |
 //! | the companion takes no trace for 3 s | likewise: no measurement and no order arrives any more, and nothing else would end the run |
 //! | lockstep: a measurement does not come for 10 s | reference slows down, arm holds, run ends as fault |
