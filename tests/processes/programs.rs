@@ -283,7 +283,10 @@ fn a_client_of_the_library_picks_and_places() {
     assert_eq!(gripped, ["close", "open"]);
     assert_eq!(cell.status().unwrap().goal, Some(2));
     let refused = cell.goto(&[0.0]).unwrap();
-    assert!(!refused.accepted && refused.reason.unwrap().contains("one for each joint"), "{refused:?}");
+    assert!(
+        !refused.accepted && refused.reason.as_ref().unwrap().contains("one for each joint"),
+        "{refused:?}"
+    );
     assert!(Client::connect("no-such-run").is_err());
     cell.shutdown().unwrap();
     assert_eq!(daemon.ended().0, Some(0));
