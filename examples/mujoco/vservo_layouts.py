@@ -188,6 +188,7 @@ class Refusal(enum.IntEnum):
     UNKNOWN_TARGET = 24
     TOO_SMALL = 25
     FROM_BEHIND = 26
+    EDGE_ON = 27
 
 
 class RequestKind(enum.IntEnum):

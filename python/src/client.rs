@@ -56,7 +56,7 @@ enum Place<'py> {
 
 /// The status in an answer, or why it was refused.
 pub fn answered(answer: RunAnswer) -> PyResult<Status> {
-    match answer.reason {
+    match &answer.reason {
         Some(reason) => Err(Refused::new_err(format!("{} was refused: {reason}", answer.request))),
         None => Ok(Status::of_answer(&answer)),
     }

@@ -8,6 +8,7 @@ use crate::process::ProcessError;
 use crate::rt::tell;
 use crate::sim::preflight::{Preflight, Reach};
 use serde::Serialize;
+use std::borrow::Cow;
 use std::path::Path;
 
 /// What `--json` prints.
@@ -43,7 +44,7 @@ pub(super) fn check(path: Option<&Path>, set: &[String], as_json: bool) -> Resul
         doubts.extend(of_second(of_doubts));
     }
     let core = config.realtime.request.cpu.and_then(crate::rt::why_not_on);
-    faults.extend(core.map(|why| ("realtime.cpu", why)));
+    faults.extend(core.map(|why| ("realtime.cpu".into(), why)));
     let error = unseen.or_else(|| (!faults.is_empty()).then(|| draft.error(faults)));
     let doubts = draft.problems_of(doubts);
     if as_json {
@@ -105,7 +106,7 @@ fn of_second(told: Told) -> Told {
 }
 
 /// The lines by key.
-type Told = Vec<(&'static str, String)>;
+type Told = Vec<(Cow<'static, str>, String)>;
 
 /// What makes the run futile, and what is only doubtful. Where the object moves by itself, nothing is certain.
 fn judged(preflight: &Preflight) -> (Told, Told) {
@@ -136,7 +137,7 @@ pub(super) fn warn_of_preflight(draft: &Draft, config: &Config, refuses: bool) -
             .for_each(|(_, message)| message.push_str(" (`vservo run --anyway` runs all the same)"));
         return Err(draft.error(faults).into());
     }
-    faults.extend(preflight.covered.map(|message| ("scene", message)));
+    faults.extend(preflight.covered.map(|message| ("scene".into(), message)));
     for problem in draft.problems_of(faults) {
         tell(format_args!("vservo: warning: {}", printable(&problem.to_string())));
     }

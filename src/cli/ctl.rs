@@ -132,7 +132,7 @@ fn save(client: &Client, path: &Path, timeout_s: f64) -> Result<u8, ProcessError
 
 fn told(answer: &RunAnswer, as_json: bool) -> u8 {
     let exit_code = if answer.accepted { 0 } else { in_vain() };
-    if let Some(reason) = answer.reason {
+    if let Some(reason) = &answer.reason {
         tell(format_args!("vservo: {} was refused: {reason}", answer.request));
     }
     if as_json {

@@ -99,7 +99,7 @@ fn take_answer(
     };
     match (answer, order) {
         (Ok(a), None) => view.goal(goal(&a)),
-        (Ok(a), Some(order)) => view.answered(&match a.reason {
+        (Ok(a), Some(order)) => view.answered(&match &a.reason {
             Some(why) => format!("{} was refused: {why}", order.as_str()),
             None => format!("{}: accepted", order.as_str()),
         }),

@@ -8,6 +8,7 @@ use crate::ipc::{Instance, Role};
 use crate::messages::{CameraState, ControlAnswer, ControlState, RobotState, TargetStatus, answer_flag};
 use crate::report::summary::ContactReport;
 use serde::Serialize;
+use std::borrow::Cow;
 use std::fmt::Write as _;
 
 /// An answer; what is unknown is `None`, `null` in JSON.
@@ -20,7 +21,7 @@ pub struct RunAnswer {
     /// Whether it was accepted.
     pub accepted: bool,
     /// Why it was refused.
-    pub reason: Option<&'static str>,
+    pub reason: Option<Cow<'static, str>>,
     /// The state of control.
     pub state: &'static str,
     /// The fault.
@@ -94,7 +95,7 @@ impl RunAnswer {
             instance: instance.to_string(),
             request: request.map_or("status", Request::as_str),
             accepted: a.refusal == 0,
-            reason: (a.refusal != 0).then(|| describe(a.refusal)),
+            reason: (a.refusal != 0).then(|| describe(a.refusal).into()),
             state: ControlState::from_code(a.state).as_str(),
             fault: Fault::from_code(a.fault).map(Fault::describe),
             robot_state: (a.robot_state != 0).then(|| RobotState::from_code(a.robot_state).as_str()),

@@ -57,6 +57,8 @@ pub struct Client {
     interrupted: StopFlag,
     /// Of which target the goals are that it sets: as in [`ControlCommand::target`].
     target: u32,
+    /// Whether what it asks for is examined, and not done.
+    examines: bool,
     own: OwnRequests,
 }
 
@@ -69,7 +71,7 @@ impl Client {
         let instance: Instance = instance.parse()?;
         reach::find(&instance)?;
         let (interrupted, own) = (StopFlag::default(), OwnRequests::default());
-        Ok(Self { instance, timeout_s: USUAL_TIMEOUT_S, interrupted, target: 0, own })
+        Ok(Self { instance, timeout_s: USUAL_TIMEOUT_S, interrupted, target: 0, examines: false, own })
     }
 
     /// The same with another longest wait for each answer, s.
@@ -182,14 +184,19 @@ impl Client {
     }
 
     fn ask_with(&self, request: Option<Request>, command: ControlCommand) -> Result<RunAnswer, ProcessError> {
-        let patience = AnswerTimeout::begin(self.timeout_s, self.interrupted.clone());
-        reach::find(&self.instance)?;
-        let answer = reach::ask(&self.instance, command, &patience)?;
-        let answer = RunAnswer::of(&self.instance, request, &answer);
+        let answer = self.answer(request, command)?;
         if let Some(request) = request {
             self.own.note(request, &answer);
         }
         Ok(answer)
+    }
+
+    /// The answer to `command`, in the words of `request`.
+    fn answer(&self, request: Option<Request>, command: ControlCommand) -> Result<RunAnswer, ProcessError> {
+        let patience = AnswerTimeout::begin(self.timeout_s, self.interrupted.clone());
+        reach::find(&self.instance)?;
+        let answer = reach::ask(&self.instance, command, &patience)?;
+        Ok(RunAnswer::of(&self.instance, request, &answer))
     }
 
     fn halt(&self, halt: Halt, request: Request) -> Result<RunAnswer, ProcessError> {

@@ -3,14 +3,16 @@
 //! ```text
 //! step ─► request ─► look every 100 ms ─► done ─► next step
 //!                     ├─ fault, time over, exit code ─► on_fault, then the end: failed
-//!                     └─ stopped, held, moved or given another goal by another client, interrupted ─► the arm holds, the end: stopped
+//!                     └─ stopped, held, moved or given another goal by another client, interrupted ─► the end: stopped
 //! ```
+//! Where it ends early the arm holds, if what it does then is the program's own: of somebody else's motion it keeps its hands off.
 
 mod command;
+mod examination;
 mod expected;
 
 use super::{Client, RunAnswer, WaitFor, wait};
-use crate::config::{FIRST_TARGET, Program, ProgramGoal, ProgramStep, StepAction, TargetGoal};
+use crate::config::{Program, ProgramGoal, ProgramStep, StepAction, TargetGoal};
 use crate::control::lifecycle::Refusal;
 use crate::messages::ControlState;
 use crate::process::{ProcessError, StopFlag};
@@ -74,10 +76,27 @@ struct Deadline<'p> {
     of: &'p str,
 }
 
+/// The motion that the program has asked for last.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+struct OwnMotion {
+    /// Number of the request, or of that of another client where the program has found the arm on its way to the goal, and gone on with that.
+    request: Option<u64>,
+    /// Whether an answer is missing, so that its number is not known.
+    is_unanswered: bool,
+}
+
+impl OwnMotion {
+    /// Whether the arm does it still, by an answer of the run.
+    fn is_that_of(self, status: &RunAnswer) -> bool {
+        self.is_unanswered || (self.request.is_some() && self.request == status.motion_request)
+    }
+}
+
 struct Runner<'a> {
     client: &'a Client,
     tell: &'a mut dyn FnMut(&str),
     expected: Expected,
+    own: OwnMotion,
     /// The step that is done.
     at: String,
 }
@@ -86,14 +105,15 @@ impl Client {
     /// Runs `program`; `tell` hears of each step.
     ///
     /// # Errors
-    /// As for [`Self::status`]; a step that fails is an end.
+    /// As for [`Self::status`], and, before anything moves, where the run would refuse a step; a step that fails is an end.
     pub fn run_program(
         &self,
         program: &Program,
         tell: &mut dyn FnMut(&str),
     ) -> Result<ProgramEnd, ProcessError> {
-        self.check_program(program)?;
-        let mut runner = Runner { client: self, tell, expected: Expected::Anything, at: String::new() };
+        examination::examine(self, program)?;
+        let (expected, own) = (Expected::Anything, OwnMotion::default());
+        let mut runner = Runner { client: self, tell, expected, own, at: String::new() };
         let end = runner.all(&program.steps, None);
         let step = runner.at.clone();
         let end = match end {
@@ -114,51 +134,15 @@ impl Client {
             runner.expected = Expected::Anything;
             holds = runner.all(&program.on_fault, None).is_err();
         }
-        if holds {
+        let client = self.clone().interrupted_by(StopFlag::default());
+        if holds && client.status().is_ok_and(|status| runner.own.is_that_of(&status)) {
             // What holds already, or has a fault, refuses it.
-            let _ = self.clone().interrupted_by(StopFlag::default()).hold();
+            let _ = client.hold();
         }
         match end {
             StepEnd::Ended(outcome, reason) => Ok(ProgramEnd { outcome, step, reason }),
             StepEnd::Error(error) => Err(error),
         }
-    }
-
-    /// Refuses a program that this run cannot do, before anything moves: postures of another arm, goals of another target, a run that does not stay.
-    fn check_program(&self, program: &Program) -> Result<(), ProcessError> {
-        let (status, targets) = (self.status()?, self.targets());
-        // A goal of no certain target is of the first one.
-        let target_of = |of: &TargetGoal| {
-            let name = of.target.as_deref().unwrap_or(FIRST_TARGET);
-            targets.iter().find(|target| target.name == name)
-        };
-        let wrong =
-            |step: &ProgramStep, why: String| Err(ProcessError::NoCommand(format!("{}: {why}", step.key)));
-        if status.served != Some(true) {
-            let why = "this run ends at its goal: a program needs one of `vservo serve`";
-            return Err(ProcessError::NoCommand(why.into()));
-        }
-        for step in program.all_steps() {
-            match &step.action {
-                StepAction::Goto(name, q) if q.len() != status.q_rad_or_m.len() => {
-                    let joints = status.q_rad_or_m.len();
-                    return wrong(step, format!("`{name}` has {} joints, the arm {joints}", q.len()));
-                }
-                StepAction::Servo(name, of, _) => {
-                    let ProgramGoal::Taught(goal) = &of.goal else { continue };
-                    if let Some(target) = target_of(of).filter(|target| target.kind != goal.target) {
-                        let (key, kind) = (target.key(), &target.kind);
-                        let why = format!(
-                            "`{name}` is of a target of kind \"{}\", {key}.kind is \"{kind}\"",
-                            goal.target
-                        );
-                        return wrong(step, why);
-                    }
-                }
-                _ => {}
-            }
-        }
-        Ok(())
     }
 }
 
@@ -181,9 +165,7 @@ impl Runner<'_> {
         }
         match &step.action {
             StepAction::Goto(_, q) => {
-                let answer = self.client.goto(q)?;
-                accepted(&answer)?;
-                let request = answer.motion_request;
+                let request = self.move_by(|client| client.goto(q))?.motion_request;
                 self.expected = Expected::Moving { request };
                 let stands = |status: &RunAnswer| status.state == ControlState::Held.as_str();
                 self.until(until, false, |status| stands(status).then_some(Ok(())))?;
@@ -211,7 +193,7 @@ impl Runner<'_> {
                 // It is refused until the arm stands.
                 loop {
                     let answer = self.client.reset()?;
-                    if answer.reason != Some(Refusal::StillMoving.describe()) {
+                    if answer.reason.as_deref() != Some(Refusal::StillMoving.describe()) {
                         accepted(&answer)?;
                         self.cleared(answer, until)?;
                         break;
@@ -222,6 +204,19 @@ impl Runner<'_> {
             }
         }
         Ok(())
+    }
+
+    /// A request that moves the arm.
+    fn move_by(
+        &mut self,
+        ask: impl FnOnce(&Client) -> Result<RunAnswer, ProcessError>,
+    ) -> Result<RunAnswer, StepEnd> {
+        self.own.is_unanswered = true;
+        let answer = ask(self.client)?;
+        self.own.is_unanswered = false;
+        accepted(&answer)?;
+        self.own.request = answer.motion_request;
+        Ok(answer)
     }
 
     fn servo(&mut self, goal: &TargetGoal, until: Option<Deadline<'_>>) -> Result<(), StepEnd> {
@@ -242,10 +237,9 @@ impl Runner<'_> {
         }
         let mut request = status.motion_request;
         if ![Waiting, Servoing, Holding, Returning].iter().any(|going| going.as_str() == status.state) {
-            let answer = self.client.start()?;
-            accepted(&answer)?;
-            request = answer.motion_request;
+            request = self.move_by(Client::start)?.motion_request;
         }
+        self.own.request = request;
         self.expected = Expected::Servoing { request, goal };
         self.until(until, false, |status| (status.at_goal == Some(true)).then_some(Ok(())))
     }
@@ -341,7 +335,10 @@ fn in_time(until: Option<Deadline<'_>>) -> Result<(), StepEnd> {
 }
 
 fn accepted(answer: &RunAnswer) -> Result<(), StepEnd> {
-    answer.reason.map_or(Ok(()), |why| failed(format!("{} was refused: {why}", answer.request)))
+    match &answer.reason {
+        None => Ok(()),
+        Some(why) => failed(format!("{} was refused: {why}", answer.request)),
+    }
 }
 
 /// A step in words.
@@ -357,5 +354,22 @@ fn words(action: &StepAction) -> String {
         StepAction::Call(command) => format!("call {}", command.join(" ")),
         StepAction::Repeat(count, _) => format!("repeat {count}"),
         StepAction::Reset => "reset".into(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::client::answer::tests::answer;
+
+    #[test]
+    fn a_program_holds_no_motion_of_somebody_else() {
+        let runs = |number| RunAnswer { motion_request: Some(number), ..answer() };
+        let own = OwnMotion { request: Some(5), is_unanswered: false };
+        assert!(own.is_that_of(&runs(5)));
+        assert!(!own.is_that_of(&runs(6)), "taken over");
+        assert!(!OwnMotion::default().is_that_of(&runs(6)), "it has moved nothing");
+        // Nobody knows whose it is: the arm is to stand.
+        assert!(OwnMotion { is_unanswered: true, ..own }.is_that_of(&runs(6)));
     }
 }

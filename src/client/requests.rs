@@ -4,12 +4,13 @@ use super::{Client, RunAnswer, WaitFor};
 use crate::config::{
     FIRST_TARGET, GoalFeature, GoalFile, NamedPlaces, ProgramGoal, RawNamedGoal, RawPosture, TargetGoal,
 };
-use crate::control::lifecycle::Request;
+use crate::control::lifecycle::{Refusal, Request};
 use crate::geometry::Pose;
 use crate::input::nearest;
 use crate::ipc::Role;
 use crate::messages::{CommandForm, ControlCommand, ControlState};
 use crate::process::ProcessError;
+use crate::scene::sight_angle_rad;
 use nalgebra::Vector3;
 use serde::de::DeserializeOwned;
 use std::path::Path;
@@ -178,7 +179,14 @@ impl Client {
     pub fn goal_pose(&self, X_DO: &Pose) -> Result<RunAnswer, ProcessError> {
         let (p, q) = (X_DO.translation.vector, X_DO.rotation.coords);
         let numbers = [p.x, p.y, p.z, q.x, q.y, q.z, q.w];
-        self.send(Request::Goal, with_numbers(Request::Goal, CommandForm::Pose, &numbers)?)
+        let mut answer =
+            self.send(Request::Goal, with_numbers(Request::Goal, CommandForm::Pose, &numbers)?)?;
+        let of_angle = [Refusal::EdgeOn, Refusal::FromBehind].map(Refusal::describe);
+        if let Some(reason) = answer.reason.as_mut().filter(|reason| of_angle.contains(&reason.as_ref())) {
+            let deg = sight_angle_rad(X_DO).to_degrees();
+            *reason = format!("{reason} (its plane would be seen {deg:.1} deg off its normal)").into();
+        }
+        Ok(answer)
     }
 
     /// Moves the arm to the posture `q`, rad or m, and holds it there.
@@ -239,7 +247,7 @@ impl Client {
     pub fn taught(&self, timeout_s: f64) -> Result<Result<GoalFile, String>, ProcessError> {
         let answer = self.teach()?;
         if let Some(reason) = answer.reason {
-            return Ok(Err(reason.to_owned()));
+            return Ok(Err(reason.into_owned()));
         }
         let end = self.wait(WaitFor::State(ControlState::Held), timeout_s)?;
         let Some(status) = end.status.filter(|_| end.is_reached) else { return Ok(Err(end.reason)) };
@@ -264,7 +272,16 @@ impl Client {
 
     pub(super) fn send(&self, request: Request, command: ControlCommand) -> Result<RunAnswer, ProcessError> {
         let target = if request == Request::Goal { self.target } else { 0 };
-        self.ask_with(Some(request), ControlCommand { target, ..command })
+        let command = ControlCommand { target, ..command };
+        if self.examines {
+            return self.answer(Some(request), ControlCommand { request: 0, ..command });
+        }
+        self.ask_with(Some(request), command)
+    }
+
+    /// The same client, whose goals and postures are only examined: the answer tells whether they would be refused, and nothing changes.
+    pub(super) fn examining(&self) -> Self {
+        Self { examines: true, ..self.clone() }
     }
 }
 

@@ -86,6 +86,11 @@ fn another_goal_is_reached_while_the_run_goes_on() {
     );
     refuses(
         &daemon,
+        &["goal", "--position-m", "0,0,0.4", "--rotation-rpy-deg", "89.5,0,0"],
+        "(its plane would be seen 89.5 deg off its normal)",
+    );
+    refuses(
+        &daemon,
         &["goal", "--position-m", "0,0,0.5", "--rotation-xyzw", "0,0,0,1.2"],
         "its numbers are none",
     );

@@ -3,17 +3,19 @@
 use crate::cli::camera_arguments::CameraCheckArguments;
 use crate::cli::{json, seen_by, shown};
 use crate::config::{CameraProgram, Config, Source};
+use crate::input::printable;
 use crate::ipc::{Instance, Role};
 use crate::messages::CameraId;
 use crate::process::camera::SharedImages;
 use crate::process::drive_guard::CAMERA_VARIABLE;
 use crate::process::{Membership, ProcessError, StopFlag};
-use crate::rt::now;
+use crate::rt::{kill_with_group, now, tell};
 use crate::source::v4l2::{Probe, SourceCheck, Spread};
 use crate::source::{self, AnySource, FreeRunningSource};
 use crate::time::SpanNs;
 use serde::Serialize;
 use std::os::fd::AsFd;
+use std::os::unix::process::CommandExt;
 use std::process::{Child, Command, Stdio};
 
 /// Longest wait for the first image of a program. Chosen by hand: one in Python takes seconds to load its libraries.
@@ -75,6 +77,12 @@ fn external(
     drop(camera);
     drop(membership);
     instance.remove_leftovers(None);
+    if instance.directory().exists() {
+        let name = printable(&instance.to_string());
+        tell(format_args!(
+            "vservo: a camera program of instance `{name}` goes on, with its files in /dev/shm: what it leaves there the next run or check of this instance removes"
+        ));
+    }
     measured
 }
 
@@ -97,6 +105,8 @@ impl CheckedProgram {
             .envs(instance.environment())
             .env(CAMERA_VARIABLE, camera.to_string())
             .stdin(Stdio::null())
+            // So that all that it starts, as a script does, ends with it; Ctrl-C comes to this process, which ends it.
+            .process_group(0)
             // stdout belongs to the answer
             .stdout(std::io::stderr().as_fd().try_clone_to_owned().map_err(failed)?)
             .spawn()
@@ -115,8 +125,7 @@ impl CheckedProgram {
 impl Drop for CheckedProgram {
     fn drop(&mut self) {
         if let Some((_, child)) = &mut self.0 {
-            let _ = child.kill();
-            let _ = child.wait();
+            kill_with_group(child);
         }
     }
 }
@@ -261,4 +270,34 @@ fn described(c: &SourceCheck, wrong: &[String]) -> String {
     }
     lines.extend(wrong.iter().map(|line| format!("wrong: {line}")));
     lines.join("\n") + "\n"
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use std::time::Duration;
+
+    #[test]
+    fn what_a_camera_script_has_started_ends_with_the_check() {
+        let folder = tempfile::tempdir().unwrap();
+        let (begun, acted) = (folder.path().join("begun"), folder.path().join("acted"));
+        let script = format!(
+            "(echo $$ > {begun}; sleep 1; echo acts > {acted}) & wait",
+            begun = begun.display(),
+            acted = acted.display()
+        );
+        let command = ["sh".to_owned(), "-c".to_owned(), script].to_vec();
+        let give_up = SpanNs::from_s(1.0);
+        let program = CameraProgram { command, folder: folder.path().to_owned(), give_up };
+        let instance: Instance = format!("check-group-{}", std::process::id()).parse().unwrap();
+        let mut started = CheckedProgram::start(&program, &instance, CameraId::FIRST).unwrap();
+        while !begun.exists() {
+            assert!(started.ended().is_none());
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        drop(started);
+        std::thread::sleep(Duration::from_millis(1500));
+        assert!(!acted.exists(), "a grandchild went on");
+    }
 }

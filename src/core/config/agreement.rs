@@ -41,6 +41,10 @@ impl Config {
         keys.extend(
             serde_json::to_string(&self.robot.joint_names()).map(|names| ("robot.joints".into(), names)),
         );
+        // Where they may be, for clients; null of a joint without an end.
+        let ranges: Vec<_> =
+            self.robot.joints.iter().map(|joint| [joint.limits.lower, joint.limits.upper]).collect();
+        keys.extend(serde_json::to_string(&ranges).map(|ranges| ("robot.ranges_rad_or_m".into(), ranges)));
         keys
     }
 }

@@ -185,14 +185,14 @@ impl Draft {
 
     /// Problems with the values at keys, or warnings, as an error that names their positions.
     #[must_use]
-    pub fn error(&self, told: Vec<(&'static str, String)>) -> ConfigError {
+    pub fn error(&self, told: Vec<(impl AsRef<str>, String)>) -> ConfigError {
         ConfigError::new(self.problems_of(told), 0)
     }
 
     /// The same as single problems.
     #[must_use]
-    pub fn problems_of(&self, told: Vec<(&'static str, String)>) -> Vec<Problem> {
-        told.into_iter().map(|(key, message)| self.document.problem(key, message)).collect()
+    pub fn problems_of(&self, told: Vec<(impl AsRef<str>, String)>) -> Vec<Problem> {
+        told.into_iter().map(|(key, message)| self.document.problem(key.as_ref(), message)).collect()
     }
 }
 

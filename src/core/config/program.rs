@@ -48,12 +48,14 @@ struct RawStep {
 }
 
 /// A program.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct Program {
     /// What it does.
     pub steps: Vec<ProgramStep>,
     /// What it does when one of these fails: a fault, a time that is over, a command that says no.
     pub on_fault: Vec<ProgramStep>,
+    /// Its file, for what turns out to be wrong with it later.
+    document: Document,
 }
 
 /// A step of a program.
@@ -123,7 +125,18 @@ impl Program {
         let steps = reader.steps("steps", &raw.steps, &names, 1);
         let on_fault = reader.steps("on_fault", &raw.on_fault, &names, 1);
         let problems = reader.problems;
-        if problems.is_empty() { Ok(Self { steps, on_fault }) } else { Err(ConfigError::new(problems, more)) }
+        if problems.is_empty() {
+            Ok(Self { steps, on_fault, document })
+        } else {
+            Err(ConfigError::new(problems, more))
+        }
+    }
+
+    /// What a run finds wrong with values at keys of the file, as an error that names their positions.
+    #[must_use]
+    pub fn error(&self, found: Vec<(String, String)>) -> ConfigError {
+        let problems = found.into_iter().map(|(key, message)| self.document.problem(&key, message));
+        ConfigError::new(problems.collect(), 0)
     }
 
     /// All steps, those within others included.

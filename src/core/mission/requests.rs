@@ -14,7 +14,7 @@ use crate::control::order::ControlOrder;
 use crate::geometry::{Pose, rotation_angle, unit_quaternion};
 use crate::messages::{CommandForm, ControlCommand};
 use crate::motion::Workspace;
-use crate::scene::is_front;
+use crate::scene::{is_edge_on, is_front};
 use crate::servo::{PostureSearch, SetPoint};
 use crate::target::PointKind;
 use crate::time::SpanNs;
@@ -100,6 +100,38 @@ impl<const N: usize> Mission<N> {
         request: Request,
         command: &ControlCommand,
     ) -> Result<Option<ControlOrder<N>>, Refusal> {
+        let (change, order) = self.planned(request, command)?;
+        self.pending.extend(change.map(|change| (number, change)));
+        Ok(order)
+    }
+
+    /// Whether the goal or the posture of `command` would be refused whenever it is asked for; nothing changes by it. Of a posture the straight way of the joints
+    /// to it is looked at where another posture stands before it, from which it begins.
+    ///
+    /// # Errors
+    /// Why it would be refused.
+    pub fn examine(&self, command: &ControlCommand) -> Result<(), Refusal> {
+        match CommandForm::from_code(command.form) {
+            None if command.form == 0 => Ok(()),
+            Some(CommandForm::Joints) => {
+                let numbers = numbers(command)?;
+                let (from, to) = numbers.split_at(numbers.len() - N.min(numbers.len()));
+                let to = joints_of(to)?;
+                let from = if from.is_empty() { None } else { Some(joints_of(from)?) };
+                self.posture_from(from.as_ref(), &to).map(drop)
+            }
+            Some(CommandForm::Features | CommandForm::Pose) => self.planned(Request::Goal, command).map(drop),
+            _ => Err(Refusal::WrongNumbers),
+        }
+    }
+
+    /// What a request changes here, and the order for control.
+    #[allow(clippy::type_complexity)] // of this module alone
+    fn planned(
+        &self,
+        request: Request,
+        command: &ControlCommand,
+    ) -> Result<(Option<MissionChange>, Option<ControlOrder<N>>), Refusal> {
         let form = CommandForm::from_code(command.form);
         if command.target != 0 && request != Request::Goal {
             return Err(Refusal::WrongNumbers);
@@ -107,7 +139,7 @@ impl<const N: usize> Mission<N> {
         if self.second.is_some() && matches!(request, Request::Goal | Request::Teach) {
             return Err(Refusal::UnknownCamera);
         }
-        let (change, order) = match (request, form) {
+        Ok(match (request, form) {
             (Request::Start, None) => (Some(MissionChange::Start), None),
             (Request::Hold | Request::Teach | Request::Reset | Request::Stop | Request::Shutdown, None) => {
                 (None, None)
@@ -123,9 +155,7 @@ impl<const N: usize> Mission<N> {
             (Request::Velocity, Some(form)) => (None, Some(self.velocity(form, command)?)),
             (Request::Set, Some(form)) => self.setting(form, command)?,
             _ => return Err(Refusal::WrongNumbers),
-        };
-        self.pending.extend(change.map(|change| (number, change)));
-        Ok(order)
+        })
     }
 
     /// Takes in whether control has accepted the request `number`.
@@ -200,13 +230,13 @@ impl<const N: usize> Mission<N> {
             CommandForm::Pose => before.at_pose(&pose_of(numbers)?),
             _ => return Err(Refusal::WrongNumbers),
         };
-        let goal = goal.filter(|goal| self.is_in_view(goal)).ok_or(Refusal::OutOfView)?;
-        if self.is_too_small(&goal) {
-            Err(Refusal::TooSmall)
-        } else if is_from_behind(&goal) {
-            Err(Refusal::FromBehind)
-        } else {
-            Ok(goal)
+        let goal = goal.ok_or(Refusal::OutOfView)?;
+        match flat_target_at(&goal) {
+            Some(X_DO) if !is_front(X_DO) => Err(Refusal::FromBehind),
+            Some(X_DO) if is_edge_on(X_DO) => Err(Refusal::EdgeOn),
+            _ if !self.is_in_view(&goal) => Err(Refusal::OutOfView),
+            _ if self.is_too_small(&goal) => Err(Refusal::TooSmall),
+            _ => Ok(goal),
         }
     }
 
@@ -231,12 +261,24 @@ impl<const N: usize> Mission<N> {
 
     /// The posture, where the arm can be there.
     fn posture(&self, q: &SVector<f64, N>) -> Result<SVector<f64, N>, Refusal> {
+        self.posture_from(Some(&vector(&self.joint_state.q)), q)
+    }
+
+    /// The same on the straight way of the joints from `from`; `None`: from wherever, so that no way is looked at.
+    fn posture_from(
+        &self,
+        from: Option<&SVector<f64, N>>,
+        q: &SVector<f64, N>,
+    ) -> Result<SVector<f64, N>, Refusal> {
         let cell = self.cell.as_ref().filter(|_| self.plan.closed_loop).ok_or(Refusal::NoArm)?;
         if cell.robot.outside_limits(q).is_some() {
             return Err(Refusal::OutOfRange);
         }
         // What is beyond a limit already may go anywhere from there that is not farther beyond.
-        let is_free = |space: &Workspace<N>| space.is_free(&vector(&self.joint_state.q), q);
+        let is_free = |space: &Workspace<N>| match from {
+            Some(from) => space.is_free(from, q),
+            None => space.admits(q, &vector(&self.joint_state.q)),
+        };
         if self.space.as_ref().is_none_or(is_free) { Ok(*q) } else { Err(Refusal::OutOfWorkspace) }
     }
 
@@ -325,7 +367,10 @@ fn numbers(command: &ControlCommand) -> Result<&[f64], Refusal> {
 }
 
 fn joints<const N: usize>(command: &ControlCommand) -> Result<SVector<f64, N>, Refusal> {
-    let numbers = numbers(command)?;
+    joints_of(numbers(command)?)
+}
+
+fn joints_of<const N: usize>(numbers: &[f64]) -> Result<SVector<f64, N>, Refusal> {
     if numbers.len() == N { Ok(SVector::from_column_slice(numbers)) } else { Err(Refusal::WrongNumbers) }
 }
 
@@ -338,51 +383,11 @@ fn pose_of(numbers: &[f64]) -> Result<Pose, Refusal> {
     rotation.map(pose).ok_or(Refusal::WrongNumbers)
 }
 
-/// Whether the points of a flat target would be seen from the side on which they are not.
-fn is_from_behind(goal: &SetPoint) -> bool {
+/// Where a flat target is at `goal`; `None` of a body, which has other faces, and where that is not known.
+fn flat_target_at(goal: &SetPoint) -> Option<&Pose> {
     let is_flat = goal.points().iter().all(|p| p.z.abs() < FLAT_M);
-    is_flat && goal.X_DO().is_some_and(|X_DO| !is_front(X_DO))
+    goal.X_DO().filter(|_| is_flat)
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// The words of refusals stand in `control/lifecycle.rs`, which knows nothing of the mission's bounds.
-    #[test]
-    fn refusals_tell_the_bounds_that_hold() {
-        let range = |range: &RangeInclusive<f64>| format!("{} to {}", range.start(), range.end());
-        let of_velocity = [
-            format!("the time for which it holds ({} s)", range(&VELOCITY_HOLD_S)),
-            format!("a velocity at most {VELOCITY} rad/s or m/s"),
-        ];
-        let of_set = [
-            format!("a gain {} 1/s", range(&GAIN_1_S)),
-            format!("a tolerance {} px", range(&TOLERANCE_PX)),
-            format!("a hold {} s", range(&HOLD_S)),
-        ];
-        let of_goal = [
-            format!("a position within {} m", POSITION_M.end()),
-            format!("a feature within {}", FEATURES.end()),
-        ];
-        let of_jog = [
-            format!("a joint by {JOG_RAD} rad or {JOG_M} m at most"),
-            format!("the camera by {JOG_M} m and {JOG_RAD} rad"),
-        ];
-        let of_size = [format!("smaller than {SMALLEST_PX} px")];
-        for (refusal, request, parts) in [
-            (Refusal::WrongNumbers, Request::Velocity, &of_velocity[..]),
-            (Refusal::WrongNumbers, Request::Set, &of_set),
-            (Refusal::WrongNumbers, Request::Goal, &of_goal),
-            (Refusal::TooFar, Request::Jog, &of_jog),
-            (Refusal::TooSmall, Request::Goal, &of_size),
-        ] {
-            let told = refusal.describe_for(request);
-            for part in parts {
-                assert!(told.contains(part), "{part}: {told}");
-            }
-        }
-        assert_eq!(POSITION_M.start(), &-POSITION_M.end());
-        assert_eq!(FEATURES.start(), &-FEATURES.end());
-    }
-}
+mod tests;

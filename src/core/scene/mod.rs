@@ -42,4 +42,6 @@ pub use scenery::Bystander;
 pub use schedule::{FrameSchedule, Irregularity};
 pub use sensor::{MAX_SIDE_PX, SensorModel};
 pub use synthetic_camera::{Exposure, SyntheticCamera};
-pub use visibility::{Overhang, PointVisibility, Visibility, is_front};
+#[cfg(test)]
+pub(crate) use visibility::MAX_SIGHT_ANGLE_RAD;
+pub use visibility::{Overhang, PointVisibility, Visibility, is_edge_on, is_front, sight_angle_rad};

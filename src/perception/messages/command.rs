@@ -14,7 +14,9 @@ record! {
     /// A request to control.
     #[derive(Debug, Clone, Copy, PartialEq)]
     pub struct ControlCommand {
-        /// Code of a `control::lifecycle::Request`; 0 asks for the answer alone, and every other code is refused.
+        /// Code of a `control::lifecycle::Request`; 0 asks for the answer alone, and every other code is refused. With 0 and the form [`CommandForm::Features`] or
+        /// [`CommandForm::Pose`] the answer's refusal tells whether that goal would be refused; with [`CommandForm::Joints`] whether that posture would be, and where two
+        /// postures stand there, the second one after the first.
         pub request: u32,
         /// Which arm: 0; a request for any other is refused.
         pub arm: u32,

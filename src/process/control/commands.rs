@@ -184,8 +184,12 @@ impl Commands {
         }
     }
 
-    /// The next request for the loop; everything else that has come is answered.
-    pub(super) fn next(&mut self) -> Option<ClientRequest> {
+    /// The next request for the loop; everything else that has come is answered. A question for the state that carries a goal or a posture asks whether that would
+    /// be refused, which `examine` knows.
+    pub(super) fn next(
+        &mut self,
+        examine: impl Fn(&ControlCommand) -> Result<(), Refusal>,
+    ) -> Option<ClientRequest> {
         if let Some(request) = self.own.take() {
             let asker = RequestOrigin::Companion(request);
             let command = asker.command();
@@ -194,7 +198,7 @@ impl Commands {
         while let Some(asked) = self.take() {
             let command = asked.command();
             let refusal = match ParsedCommand::of(&command) {
-                ParsedCommand::State => 0,
+                ParsedCommand::State => examine(&command).err().map_or(0, |refusal| refusal as u32),
                 ParsedCommand::Nothing(refusal) => refusal as u32,
                 ParsedCommand::Request(request) => {
                     return Some(self.wait_for(RequestOrigin::Client(asked), request, command));
@@ -216,7 +220,12 @@ impl Commands {
 
     /// Before the first tick: questions are answered, a stop and a shutdown are taken, everything else is refused.
     pub(super) fn attend(&mut self, stops: &Stops) {
-        while let Some(ClientRequest { number, request, .. }) = self.next() {
+        // What a goal or a posture means is known from the first tick on.
+        let examine = |command: &ControlCommand| match command.form {
+            0 => Ok(()),
+            _ => Err(Refusal::NotReady),
+        };
+        while let Some(ClientRequest { number, request, .. }) = self.next(examine) {
             let refusal = stops.early(request).err();
             // Nobody records yet.
             let _ = self.answer(&Answered {
@@ -266,6 +275,7 @@ impl Commands {
         }
         // The trace of that tick may come later than the next question.
         self.standing.state = answered.state as u32;
+        forget_fault(&mut self.standing);
         let decides = ![Request::Goal, Request::Set].iter().any(|request| command.request == *request as u32);
         if refusal == 0 && decides {
             self.standing.motion_request = number;
@@ -292,9 +302,31 @@ impl Commands {
     }
 }
 
+/// Leaves out the fault of the last trace, and what had touched the arm, where the state is none any more: it was reset.
+fn forget_fault(standing: &mut ControlAnswer) {
+    if standing.fault != 0 && standing.state != ControlState::Fault as u32 {
+        standing.fault = 0;
+        let none = ContactNumbers::of(None);
+        (standing.contact_joint, standing.contact_torque) = (none.joint, none.torque);
+        standing.contact_force = none.force;
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_answer_has_no_fault_that_was_reset() {
+        let fault = |state: ControlState| {
+            let mut standing = ControlAnswer { fault: 15, contact_joint: 2, ..ControlAnswer::default() };
+            standing.state = state as u32;
+            forget_fault(&mut standing);
+            (standing.fault, standing.contact_joint)
+        };
+        assert_eq!(fault(ControlState::Fault), (15, 2));
+        assert_eq!(fault(ControlState::Idle), (0, 0));
+    }
 
     #[test]
     fn what_means_nothing_is_refused() {

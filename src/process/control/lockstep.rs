@@ -122,7 +122,9 @@ pub(super) fn run<const N: usize>(
         if broken.is_some() {
             control.stop(STOP_REASON);
         }
-        while let Some(ClientRequest { number, request, command }) = commands.next() {
+        while let Some(ClientRequest { number, request, command }) =
+            commands.next(|command| control.mission.examine(command))
+        {
             let refusal = control.ask(number, request, &command).err();
             commands.note_goal(&control.mission);
             let state = control.controller().state().told();

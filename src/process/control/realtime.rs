@@ -241,7 +241,7 @@ impl<const N: usize> Companion<'_, N> {
             // The mission's orders first: what they are about is older.
             let asking = match self.mission.next_order() {
                 Some(order) => Asking::Order(order),
-                None => match self.commands.next() {
+                None => match self.commands.next(|command| self.mission.examine(command)) {
                     Some(ClientRequest { number, request, command }) => {
                         match self.mission.plan(number, request, &command) {
                             Ok(order) => Asking::Request { number, request, order },

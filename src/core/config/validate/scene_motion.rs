@@ -11,6 +11,7 @@ const SQUARE: f64 = 1e-3;
 
 /// The motion that the table at `at_key` says.
 pub(super) fn scene_motion(at_key: &str, motion: &RawSceneMotion, check: &mut Validation<'_>) -> SceneMotion {
+    warn_of_other_kinds(at_key, motion, check);
     for (key, list) in [
         ("velocity_m_s", &motion.velocity_m_s),
         ("amplitude_m", &motion.amplitude_m),
@@ -49,5 +50,67 @@ pub(super) fn scene_motion(at_key: &str, motion: &RawSceneMotion, check: &mut Va
             SceneMotion::StopAndGo { velocity_m_s: motion.velocity_m_s.into(), moving, resting }
         }
         SceneMotionKind::Jump => SceneMotion::Jump { displacement_m: motion.displacement_m.into(), at },
+    }
+}
+
+/// Warns of what is written for another kind of motion, unless it is the default: a run file may list all.
+fn warn_of_other_kinds(at_key: &str, motion: &RawSceneMotion, check: &mut Validation<'_>) {
+    use SceneMotionKind::{Circle, Conveyor, Jump, Pendulum, StopAndGo};
+    let usual = RawSceneMotion::default();
+    let by_velocity = (&[Conveyor, StopAndGo][..], "\"conveyor\" or \"stop_and_go\"");
+    let by_frequency = (&[Pendulum, Circle][..], "\"pendulum\" or \"circle\"");
+    let (pendulum, circle) = ((&[Pendulum][..], "\"pendulum\""), (&[Circle][..], "\"circle\""));
+    let (by_turns, jump) = ((&[StopAndGo][..], "\"stop_and_go\""), (&[Jump][..], "\"jump\""));
+    for (key, differs, (kinds, words)) in [
+        ("velocity_m_s", motion.velocity_m_s != usual.velocity_m_s, by_velocity),
+        ("amplitude_m", motion.amplitude_m != usual.amplitude_m, pendulum),
+        ("frequency_hz", motion.frequency_hz != usual.frequency_hz, by_frequency),
+        ("radius_m", motion.radius_m != usual.radius_m, circle),
+        ("axis", motion.axis != usual.axis, circle),
+        ("moving_s", motion.moving_s != usual.moving_s, by_turns),
+        ("resting_s", motion.resting_s != usual.resting_s, by_turns),
+        ("displacement_m", motion.displacement_m != usual.displacement_m, jump),
+        ("at_s", motion.at_s != usual.at_s, jump),
+    ] {
+        let key = format!("{at_key}.{key}");
+        if differs && !kinds.contains(&motion.kind) && check.is_written(&key) {
+            check.doubtful(&key, format!("has no effect here, only with {at_key}.kind = {words}"));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::config::Config;
+
+    fn warnings(set: &[&str]) -> Vec<String> {
+        let set: Vec<_> = set.iter().map(ToString::to_string).collect();
+        let warnings = Config::load(None, &set).unwrap().warnings;
+        warnings.iter().map(ToString::to_string).filter(|told| told.contains("has no effect")).collect()
+    }
+
+    #[test]
+    fn what_another_motion_needs_is_told_as_idle() {
+        for (kind, key, needs) in [
+            ("pendulum", "velocity_m_s=[0.1,0,0]", "\"conveyor\" or \"stop_and_go\""),
+            ("still", "frequency_hz=0.5", "\"pendulum\" or \"circle\""),
+            ("conveyor", "radius_m=[0,0.2,0]", "\"circle\""),
+            ("circle", "moving_s=2", "\"stop_and_go\""),
+            ("stop_and_go", "at_s=3", "\"jump\""),
+        ] {
+            let set = [format!("scene.motion.kind={kind}"), format!("scene.motion.{key}")];
+            let told = warnings(&set.each_ref().map(String::as_str));
+            let [told] = &told[..] else { panic!("{kind} {key}: {told:?}") };
+            let key = key.split('=').next().unwrap();
+            assert!(told.contains(&format!("scene.motion.{key}: has no effect")), "{told}");
+            assert!(told.ends_with(&format!("only with scene.motion.kind = {needs}")), "{told}");
+        }
+        for good in [
+            &["scene.motion.kind=pendulum", "scene.motion.frequency_hz=0.5"][..],
+            &["scene.motion.kind=stop_and_go", "scene.motion.velocity_m_s=[0.1,0,0]"],
+            &["scene.motion.velocity_m_s=[0.0,0.05,0.0]"],
+        ] {
+            assert_eq!(warnings(good), Vec::<String>::new(), "{good:?}");
+        }
     }
 }

@@ -38,6 +38,7 @@ use crate::servo::Stability;
 use nalgebra::{Point3, SVector, Vector3};
 use reach::ReachProblem;
 use serde::Serialize;
+use std::borrow::Cow;
 
 /// With fewer points no target is tracked, since an affine motion of the plane needs three.
 const MIN_TRACKED: usize = 3;
@@ -75,9 +76,9 @@ pub struct Preflight {
     pub targets: Vec<FurtherTargetAhead>,
     /// The goals that the run file has names for.
     pub goals: Vec<NamedGoalAhead>,
-    /// Postures with names to which the arm is not sent, in words.
+    /// Postures to which the arm is not sent: name, and why.
     #[serde(skip)]
-    pub postures: Vec<String>,
+    pub postures: Vec<(String, String)>,
     /// What was left out, and why.
     pub notes: Vec<String>,
     /// Whether another camera controls the arm, too, and may do so while this one does not see its target.
@@ -227,8 +228,8 @@ impl Preflight {
 
     /// What makes the run futile: key and message.
     #[must_use]
-    pub fn faults(&self) -> Vec<(&'static str, String)> {
-        let mut faults: Vec<_> =
+    pub fn faults(&self) -> Vec<(Cow<'static, str>, String)> {
+        let mut faults: Vec<(&'static str, String)> =
             self.unseen_at_the_start().filter(|_| !self.has_another_view).into_iter().collect();
         if let Some((message, true)) = self.cut_at_the_goal() {
             faults.push(("servo.desired", message));
@@ -239,12 +240,12 @@ impl Preflight {
         let held_off = self.space.iter().filter_map(SpaceAhead::held_off);
         faults.extend(held_off.filter(|(_, futile)| *futile).map(|(message, _)| ("servo.desired", message)));
         faults.extend(self.path.iter().filter_map(|path| Some(("servo.path", path.fault()?))));
-        faults
+        faults.into_iter().map(|(key, message)| (key.into(), message)).collect()
     }
 
     /// What is allowed, but hardly meant: key and message.
     #[must_use]
-    pub fn doubts(&self) -> Vec<(&'static str, String)> {
+    pub fn doubts(&self) -> Vec<(Cow<'static, str>, String)> {
         let cut = self.cut_at_the_goal().filter(|(_, futile)| !futile).map(|(message, _)| message);
         let way = self.way.iter().flat_map(words::doubts);
         let held_off = self.space.iter().filter_map(SpaceAhead::held_off).filter(|(_, futile)| !futile);
@@ -253,12 +254,14 @@ impl Preflight {
         let unstable = unstable.map(|stability| ("servo.depth", words::unstable(stability)));
         let overload = self.overload.clone().map(|message| ("robot.model", message));
         let doubts = cut.chain(way).map(|message| ("servo.desired", message));
+        // Each where it stands itself: several have one table above them, which stands where the first one does.
         let of_goal = |goal: &NamedGoalAhead| {
-            let told = |doubt| ("goals", format!("`{}`: {doubt}", goal.name));
+            let told = |doubt: &String| (format!("goals.{}", goal.name).into(), doubt.clone());
             goal.doubts.iter().map(told).collect::<Vec<_>>()
         };
         let named = self.goals.iter().flat_map(of_goal);
-        let postures = self.postures.iter().map(|posture| ("postures", posture.clone()));
+        let of_posture = |(name, why): &(String, String)| (format!("postures.{name}").into(), why.clone());
+        let postures = self.postures.iter().map(of_posture);
         let path = self.path.iter().filter_map(|path| Some(("servo.path", path.doubt()?)));
         let covered = self.covered.iter().map(|message| ("scene", message.clone()));
         doubts
@@ -266,6 +269,7 @@ impl Preflight {
             .chain(overload)
             .chain(path)
             .chain(covered)
+            .map(|(key, message)| (key.into(), message))
             .chain(named)
             .chain(postures)
             .collect()
@@ -276,7 +280,8 @@ impl Preflight {
     fn cut_at_the_goal(&self) -> Option<(String, bool)> {
         let visibility = &self.goal.as_ref()?.visibility;
         let message = format!("{} in the desired view; see `vservo view`", visibility.fault()?);
-        Some((message, !visibility.front || visibility.whole < MIN_TRACKED))
+        let shows_nothing = !visibility.front || visibility.is_edge_on();
+        Some((message, shows_nothing || visibility.whole < MIN_TRACKED))
     }
 
     /// All of it in words, a line each.

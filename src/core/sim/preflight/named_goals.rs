@@ -50,12 +50,15 @@ impl NamedGoalAhead {
     }
 }
 
-/// The postures of `[postures]` at which a joint would be outside its range, in words.
-pub(super) fn postures_outside<const N: usize>(config: &Config, robot: &Robot<N>) -> Vec<String> {
+/// The postures of `[postures]` at which a joint would be outside its range: name, and which joint.
+pub(super) fn postures_outside<const N: usize>(config: &Config, robot: &Robot<N>) -> Vec<(String, String)> {
     let outside = |(name, posture): (&String, &crate::config::RawPosture)| {
         let q = SVector::<f64, N>::from_fn(|i, _| posture.q_rad_or_m.get(i).copied().unwrap_or_default());
         let joint = robot.joint_names().get(robot.outside_limits(&q)?)?;
-        Some(format!("at `{name}` the joint `{joint}` would be outside its range, and `goto` is refused"))
+        Some((
+            name.clone(),
+            format!("the joint `{joint}` would be outside its range there, and `goto` is refused"),
+        ))
     };
     config.effective.postures.iter().filter_map(outside).collect()
 }

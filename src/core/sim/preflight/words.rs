@@ -94,6 +94,11 @@ pub(super) fn visibility(visibility: &Visibility) -> String {
     let turned = visibility.points.iter().filter(|point| !point.turned_away).count();
     let marks = if !visibility.front {
         "the back of the target is seen".into()
+    } else if visibility.is_edge_on() {
+        format!(
+            "the target is seen edge-on, {:.1} deg off its normal",
+            visibility.sight_angle_rad.to_degrees()
+        )
     } else if visibility.whole == turned {
         let which = if turned == visibility.points.len() {
             "points"
