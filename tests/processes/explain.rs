@@ -154,6 +154,8 @@ fn a_target_that_moves_or_is_hidden_is_named() {
         &[
             ("default", &["scene.motion.kind=pendulum", "scene.motion.amplitude_m=[0.07,0.0,0.0]"]),
             ("default", &["scene.motion.kind=conveyor", "scene.motion.velocity_m_s=[0.0,-0.35,0.0]"]),
+            ("ur5", &["scene.motion={kind=\"circle\",radius_m=[0.05,0.0,0.0],frequency_hz=0.5}"]),
+            ("panda", &["scene.motion={kind=\"circle\",radius_m=[0.04,0.0,0.0],frequency_hz=0.3}"]),
         ],
     );
     let sheet = "scene.occluder.size_m=[0.5,0.5]";
@@ -376,6 +378,33 @@ fn lost_frames_and_a_wrong_lens_are_named() {
             ("default", &["scene.camera.lens.fx_px=920.0"]),
             ("default", &["scene.camera.lens.k1=0.2", "run.seed=5"]),
         ],
+    );
+}
+
+/// What control refuses tells nothing of the cell; the first finding says why it did.
+#[test]
+fn measurements_that_were_refused_are_named() {
+    let jump = "faults=[{kind=\"clock_jump\",from_s=0.5,duration_s=20,delay_ms=200}]";
+    named("wrong_stamps", &[("ur5", &[jump])]);
+    let [freeze, stale, overtaken] = ["freeze", "stale", "overtaken"]
+        .map(|kind| format!("faults=[{{kind=\"{kind}\",from_s=0.5,duration_s=20}}]"));
+    named("repeated_views", &[("ur5", &[&freeze]), ("ur5", &[&stale]), ("default", &[&overtaken])]);
+}
+
+#[test]
+fn what_keeps_a_goal_from_being_met_is_named() {
+    let far = "servo.desired.position_m=[0.0,0.0,2.5]";
+    named(
+        "at_its_end",
+        &[
+            ("ur5", &[far, "run.duration_s=60"]),
+            ("ur5", &[far, "motion.max_acceleration_rad_s2_or_m_s2=[60]"]),
+        ],
+    );
+    let fine = "goal.feature_error_px=0.0001";
+    named(
+        "fine_tolerance",
+        &[("tag", &["goal.feature_error_px=0.0005"]), ("default", &[fine]), ("ur5", &[fine])],
     );
 }
 

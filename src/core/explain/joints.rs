@@ -60,7 +60,27 @@ pub(super) fn findings(evidence: &RunEvidence) -> Vec<RunFinding> {
     found.extend(encoders(evidence, &joints));
     found.extend(load(evidence));
     found.extend(fault(evidence, &joints));
+    found.extend(earlier_fault(evidence));
     found
+}
+
+/// All faults.
+fn faults() -> impl Iterator<Item = Fault> {
+    (1..64).filter_map(Fault::from_code) // Chosen: more than there are codes.
+}
+
+/// The first fault of a run that went on after it.
+fn earlier_fault(evidence: &RunEvidence) -> Option<RunFinding> {
+    let RunEvidence { summary, .. } = evidence;
+    let words: Vec<&str> = faults().map(Fault::describe).collect();
+    let told = || summary.safety.events.iter().filter(|event| words.contains(&event.event.as_str()));
+    let first = told().next().filter(|_| summary.outcome != Outcome::Fault)?;
+    Some(RunFinding {
+        cause: Cause::EarlierFault,
+        what: format!("a fault stopped the arm on the way: {}", first.event),
+        evidence: format!("at {:.3} s; {} in all, and the run went on", first.time_s, told().count()),
+        change: "as it says, so that it does not come again".into(),
+    })
 }
 
 /// The fault that ended the run.
@@ -69,8 +89,7 @@ fn fault(evidence: &RunEvidence, joints: &[JointColumns<'_>]) -> Option<RunFindi
     if summary.outcome != Outcome::Fault {
         return None;
     }
-    // Chosen: more than there are codes.
-    let fault = (1..64).filter_map(Fault::from_code).find(|fault| fault.describe() == summary.reason);
+    let fault = faults().find(|fault| fault.describe() == summary.reason);
     let times = evidence.trace.numbers("time_s");
     if matches!(fault, Some(Fault::DoesNotFollow | Fault::Contact | Fault::TrackingError))
         && let Some((joint, row, speed)) = joints.iter().find_map(stop)

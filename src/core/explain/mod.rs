@@ -2,16 +2,18 @@
 //!
 //! ```text
 //! summary, run file, trace.csv, measurements.csv ─► view    what became of the target in the image, and of the frames
+//!                                                  ├► intake  were the measurements used?
 //!                                                  ├► cell    does the target rest where lens, mount, stamps and sizes say?
 //!                                                  ├► joints  do the joints do what they are told?
 //!                                                  ├► dynamics  does the arm answer its torques as its model says?
 //!                                                  └► pace    how the error fell, and what held the arm back
 //!                                                       └► [`RunFinding`]s, the gravest first ─► [`Explanation`]
 //! ```
-//! Nothing here knows the truth of a simulated cell: a finding rests on what the run measured.
+//! A run's own reason comes first, and what contradicts it is not named. Nothing here knows the truth of a simulated cell: a finding rests on what the run measured.
 
 mod cell;
 mod dynamics;
+mod intake;
 mod joints;
 mod pace;
 mod view;
@@ -50,6 +52,10 @@ pub enum Cause {
     OtherFault,
     /// A limit in space held the arm back.
     HeldBySpace,
+    /// A joint is at the end of its range, or the arm is stretched out.
+    AtItsEnd,
+    /// The goal's tolerance is below what the measurements scatter by.
+    FineTolerance,
     /// The lens is not as described.
     WrongLens,
     /// The depth that the law takes is not that of the target.
@@ -62,6 +68,8 @@ pub enum Cause {
     WrongScale,
     /// The object moves by itself.
     ObjectMoves,
+    /// Images or measurements came again, in place of new ones.
+    RepeatedViews,
     /// Frames came no more.
     FramesStopped,
     /// Frames were lost.
@@ -80,6 +88,8 @@ pub enum Cause {
     GainTooLow,
     /// The arm carries what nobody told.
     Load,
+    /// A fault stopped the arm, and the run went on.
+    EarlierFault,
 }
 
 /// Something that was found.
@@ -142,8 +152,13 @@ pub fn explain(evidence: &RunEvidence) -> Explanation {
         ..evidence.clone()
     });
     findings.extend(cell::findings(of_first.as_ref().unwrap_or(evidence)));
-    findings.extend(pace::findings(evidence, !findings.is_empty()));
+    // Where nothing that came was used the pace of the error is no matter.
+    let refused = intake::finding(evidence);
+    if refused.is_none() {
+        findings.extend(pace::findings(evidence, !findings.is_empty()));
+    }
     findings.sort_by_key(|finding| finding.cause as u8);
+    findings.splice(0..0, refused);
     let events = evidence.summary.safety.events.iter().map(|e| (e.time_s, e.event.clone()));
     Explanation {
         verdict: run_verdict(&evidence.summary),
@@ -161,12 +176,12 @@ impl Explanation {
         let mut text = format!("{}\n", self.verdict);
         let heads = match (self.has_failed, self.findings.len()) {
             (true, 0) => "nothing in the run tells why",
-            (true, _) => "most likely because",
+            (true, _) => "most likely because:",
             (false, 0) => "nothing out of the ordinary was found",
-            (false, _) => "worth knowing",
+            (false, _) => "worth knowing:",
         };
         // a String takes everything
-        let _ = writeln!(text, "\n{heads}:");
+        let _ = writeln!(text, "\n{heads}");
         for (i, RunFinding { what, evidence, change, .. }) in self.findings.iter().enumerate() {
             let _ = writeln!(text, "{}. {what}\n   evidence: {evidence}\n   change:   {change}", i + 1);
         }
@@ -186,4 +201,51 @@ fn median(numbers: impl IntoIterator<Item = f64>) -> f64 {
     let mut numbers: Vec<f64> = numbers.into_iter().filter(|x| x.is_finite()).collect();
     numbers.sort_by(f64::total_cmp);
     numbers.get(numbers.len() / 2).copied().unwrap_or(f64::NAN)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::summary::SafetyEvent;
+
+    /// What a run of a cell left that converged, with these tables.
+    pub(super) fn evidence(cell: &str, trace: &str, measurements: &str) -> RunEvidence {
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../config/{cell}.toml"));
+        let config = Config::load(Some(&path), &[]).unwrap();
+        let summary = Summary {
+            outcome: Outcome::Converged,
+            duration_s: 8.0,
+            ..Summary::without_control(&config, crate::time::SpanNs(0))
+        };
+        let [trace, measurements] = [trace, measurements].map(CsvTable::parse);
+        RunEvidence { summary, config, trace, measurements }
+    }
+
+    /// The same of a run that did not converge, for a reason.
+    pub(super) fn failed(mut evidence: RunEvidence, reason: &str) -> RunEvidence {
+        (evidence.summary.outcome, evidence.summary.reason) = (Outcome::NotConverged, reason.into());
+        evidence
+    }
+
+    #[test]
+    fn a_head_ends_with_a_colon_where_something_follows() {
+        let fine = explain(&evidence("default", "", ""));
+        assert!(fine.to_text().contains("\nnothing out of the ordinary was found\n"), "{}", fine.to_text());
+    }
+
+    #[test]
+    fn a_fault_that_was_reset_is_worth_knowing() {
+        let mut evidence = evidence("default", "", "");
+        evidence.summary.outcome = Outcome::Stopped;
+        let fault = crate::control::safety::Fault::TrackingError.describe();
+        let events = [(1.5, "start on request"), (3.0, fault), (5.0, "reset on request")];
+        evidence.summary.safety.events =
+            events.map(|(time_s, event)| SafetyEvent { time_s, event: event.into() }).into();
+        let told = explain(&evidence);
+        assert_eq!(told.findings.iter().map(|f| f.cause).collect::<Vec<_>>(), [Cause::EarlierFault]);
+        assert!(told.findings[0].evidence.contains("3.000 s") && told.to_text().contains("worth knowing:"));
+        // A run that ended by it tells it once.
+        (evidence.summary.outcome, evidence.summary.reason) = (Outcome::Fault, fault.into());
+        assert!(explain(&evidence).findings.iter().all(|f| f.cause != Cause::EarlierFault));
+    }
 }

@@ -1,9 +1,13 @@
 //! How the error fell, and what held the arm back.
 
-use super::{Cause, RunEvidence, RunFinding, median};
+use super::{Cause, RunEvidence, RunFinding, intake, median};
+use crate::control::lifecycle::Request;
 use crate::control::outcome::Outcome;
+use crate::control::trace::Event;
+use crate::mission::residual::{AT_ITS_END, SCATTER_SHARE, falls_no_more, stands};
 use crate::report::csv_table::CsvTable;
 use crate::report::numbers::significant;
+use crate::report::statistics::describe;
 
 /// Limits in the trace with the key of each, because the name of a limit does not tell what to change.
 const LIMITS: [(&str, &str); 6] = [
@@ -24,14 +28,33 @@ const FEWEST: usize = 24;
 const REVERSALS: f64 = 0.08;
 /// A swing is at least so many tolerances high. Chosen by hand.
 const SWING: f64 = 4.0;
+/// And comes below this share of its height, because it is about the goal. Measured: those of gains that are too high come below 0.04; one of an arm that is stretched out to 0.95.
+const SWING_LOW: f64 = 0.5;
+/// An error is noise while it is less than so many times the misfit of the points. Measured: at rest the largest of a hundred errors of four points is 4 to 5 times it;
+/// swings are 1000 times and more.
+const NOISE: f64 = 8.0;
+/// A tolerance that suits is this many times the largest error of a scatter. Chosen by hand: a goal is held over many measurements.
+const ABOVE_SCATTER: f64 = 1.5;
 /// An error that falls slower than this share of itself in a second hardly falls. Chosen by hand.
 const FALLS_1_S: f64 = 0.02;
 
 /// The feature errors with their times.
 fn errors(evidence: &RunEvidence) -> Vec<(f64, f64)> {
-    let table = &evidence.measurements;
+    let table = intake::used(&evidence.measurements);
     let rows = table.numbers("exposure_s").iter().zip(table.numbers("error_px"));
     rows.map(|(t, e)| (*t, *e)).filter(|(_, e)| e.is_finite()).collect()
+}
+
+/// Those of the second half, where there are enough.
+fn late_errors(evidence: &RunEvidence) -> Option<Vec<(f64, f64)>> {
+    let mut errors = errors(evidence);
+    let late = errors.split_off(errors.len() / 2);
+    (late.len() >= FEWEST).then_some(late)
+}
+
+/// The least and the largest error.
+fn range(errors: &[(f64, f64)]) -> (f64, f64) {
+    errors.iter().fold((f64::INFINITY, 0.0), |(low, high), (_, e)| (e.min(low), e.max(high)))
 }
 
 /// Shares of ticks in which each limit acted, from the first motion to the settling of the error.
@@ -55,18 +78,21 @@ fn limited(trace: &CsvTable, settling_time_s: Option<f64>) -> Vec<(&'static str,
 
 /// What limited the speed of the run.
 pub(super) fn speed(evidence: &RunEvidence) -> String {
-    let latency_ms = median(evidence.measurements.numbers("exposure_to_command_us").iter().copied()) * 1e-3;
+    let latency_ms = intake::age_ms(evidence);
     let view = if latency_ms.is_finite() {
         format!("; views were {latency_ms:.1} ms old when used, {} a second", evidence.config.camera.rate_hz)
     } else {
         String::new()
     };
-    let settled = evidence.summary.settling_time_s;
-    let settled = settled.map_or(String::new(), |s| format!("settled to 2 % after {s:.2} s; "));
+    let settled_s = evidence.summary.settling_time_s;
+    let settled = settled_s.map_or(String::new(), |at_s| {
+        format!("settled to 2 % after {:.2} s; ", at_s - started_s(evidence, at_s))
+    });
+    let until_then = if settled_s.is_some() { " until then" } else { "" };
     match limited(&evidence.trace, evidence.summary.settling_time_s).first() {
         // Chosen by hand: below a tenth of the time a limit is no matter.
         Some((name, key, share)) if *share > 0.1 => format!(
-            "{settled}the {name} limit acted in {:.0} % of the time until then ({key}){view}",
+            "{settled}the {name} limit acted in {:.0} % of the time{until_then} ({key}){view}",
             share * 100.0
         ),
         _ => format!(
@@ -74,6 +100,14 @@ pub(super) fn speed(evidence: &RunEvidence) -> String {
             gain(evidence)
         ),
     }
+}
+
+/// When a client asked for the start that led to the settling at `at_s`, s; the begin of a run that started by itself.
+fn started_s(evidence: &RunEvidence, at_s: f64) -> f64 {
+    let start = describe(Event::Requested(Request::Start));
+    let events = evidence.summary.safety.events.iter().rev();
+    let mut starts = events.filter(|event| event.event == start && event.time_s <= at_s);
+    starts.next().map_or(0.0, |event| event.time_s)
 }
 
 fn gain(evidence: &RunEvidence) -> String {
@@ -85,16 +119,84 @@ pub(super) fn findings(evidence: &RunEvidence, is_explained: bool) -> Vec<RunFin
     if evidence.summary.outcome != Outcome::NotConverged {
         return Vec::new();
     }
-    let errors = errors(evidence);
-    let late = errors.get(errors.len() / 2..).unwrap_or_default();
-    if late.len() < FEWEST {
-        return Vec::new();
-    }
-    // An arm that a limit in space holds back leaves the way of the law, and may swing by that.
-    if let Some(finding) = held_by_space(evidence).or_else(|| swings(evidence, late)) {
+    let Some(late) = late_errors(evidence) else { return Vec::new() };
+    // An arm that a limit in space, or its own end, holds back leaves the way of the law, and may swing by that.
+    let held = held_by_space(evidence).or_else(|| at_its_end(evidence, &late));
+    if let Some(finding) = held.or_else(|| below_scatter(evidence)).or_else(|| swings(evidence, &late)) {
         return vec![finding];
     }
-    slow(evidence, late).into_iter().filter(|_| !is_explained).collect()
+    slow(evidence, &late).into_iter().filter(|_| !is_explained).collect()
+}
+
+/// An arm that the end of a joint's range or a singular posture holds before its goal.
+fn at_its_end(evidence: &RunEvidence, late: &[(f64, f64)]) -> Option<RunFinding> {
+    let is_told = evidence.summary.reason == AT_ITS_END;
+    let ((t0, _), (_, e1)) = (*late.first()?, *late.last()?);
+    let trace = &evidence.trace;
+    let serves = |row: usize| {
+        ["Servoing", "servoing"].contains(&trace.word("state", row)) && trace.number("time_s", row) >= t0
+    };
+    let rows: Vec<usize> = (0..trace.rows()).filter(|row| serves(*row)).collect();
+    let share = |name: &str| {
+        let acted = rows.iter().filter(|row| trace.number(name, **row) > 0.0).count();
+        acted as f64 / rows.len().max(1) as f64
+    };
+    let (position, singularity) = (share("limit_position"), share("limit_singularity"));
+    let stays = falls_1_s(late).is_none_or(|rate_1_s| rate_1_s < FALLS_1_S);
+    if !is_told && !(stays && position.max(singularity) > HELD_BACK) {
+        return None;
+    }
+    let (what, limit, acted) = if position > singularity {
+        ("a joint is at the end of its range", "the position limit", position)
+    } else {
+        (
+            "the arm is stretched out, or in another singular posture",
+            "the singular posture near by",
+            singularity,
+        )
+    };
+    Some(RunFinding {
+        cause: Cause::AtItsEnd,
+        what: format!("{what}, and cannot go on to the goal"),
+        evidence: format!(
+            "{limit} acted in {:.0} % of the ticks since {t0:.1} s; {} px remained",
+            acted * 100.0,
+            significant(e1, 3)
+        ),
+        change: "another goal (servo.desired) or another start, or target and arm nearer together; `vservo check` tells what is within reach".into(),
+    })
+}
+
+/// A tolerance of the goal that is below the scatter of an error that falls no more.
+pub(super) fn below_scatter(evidence: &RunEvidence) -> Option<RunFinding> {
+    let late = late_errors(evidence).filter(|_| evidence.summary.outcome == Outcome::NotConverged)?;
+    let misfit_px =
+        median(intake::used(&evidence.measurements).numbers("reprojection_rms_px").iter().copied());
+    let (low, high) = range(&late);
+    let tolerance = evidence.config.goal.feature_error_px;
+    if high > NOISE * misfit_px || low > SCATTER_SHARE * high || high < tolerance || misfit_px.is_nan() {
+        return None;
+    }
+    let suits = significant(ABOVE_SCATTER * high, 2);
+    Some(RunFinding {
+        cause: Cause::FineTolerance,
+        what: "the goal's tolerance is below what the measurements scatter by: the arm is at its goal as well as they tell".into(),
+        evidence: format!(
+            "in the second half of the run the error went between {} and {} px, of points that fit their target to {} px; goal.feature_error_px is {tolerance}",
+            significant(low, 3),
+            significant(high, 3),
+            significant(misfit_px, 2)
+        ),
+        change: format!(
+            "goal.feature_error_px = {suits}; a finer one needs a view with less noise: light, focus, a target that is larger in the image or has more points"
+        ),
+    })
+}
+
+/// The share of itself by which an error falls in a second, 1/s; `None` where that cannot be told.
+fn falls_1_s(late: &[(f64, f64)]) -> Option<f64> {
+    let ((t0, e0), (t1, e1)) = (*late.first()?, *late.last()?);
+    Some((e0 / e1).ln() / (t1 - t0)).filter(|rate_1_s| rate_1_s.is_finite())
 }
 
 /// Limits in space that held the arm back for more than a twentieth of the run.
@@ -112,9 +214,11 @@ fn held_by_space(evidence: &RunEvidence) -> Option<RunFinding> {
 
 /// An error that goes up and down about its goal.
 fn swings(evidence: &RunEvidence, late: &[(f64, f64)]) -> Option<RunFinding> {
+    if stands(&evidence.summary.reason) {
+        return None;
+    }
     let tolerance = evidence.config.goal.feature_error_px;
-    let (low, high) =
-        late.iter().fold((f64::INFINITY, 0.0_f64), |(low, high), (_, e)| (low.min(*e), high.max(*e)));
+    let (low, high) = range(late);
     // Turns of more than a tenth of the whole swing, so that noise makes none.
     let least = 0.1 * (high - low);
     let (mut turns, mut rising, mut extreme) = (0, None, late.first()?.1);
@@ -132,11 +236,14 @@ fn swings(evidence: &RunEvidence, late: &[(f64, f64)]) -> Option<RunFinding> {
             _ => {}
         }
     }
-    if (turns as f64) < REVERSALS * late.len() as f64 || high - low < SWING * tolerance {
+    if (turns as f64) < REVERSALS * late.len() as f64
+        || high - low < SWING * tolerance
+        || low > SWING_LOW * high
+    {
         return None;
     }
     let span_s = late.last()?.0 - late.first()?.0;
-    let latency_ms = median(evidence.measurements.numbers("exposure_to_command_us").iter().copied()) * 1e-3;
+    let latency_ms = intake::age_ms(evidence);
     Some(RunFinding {
         cause: Cause::GainTooHigh,
         what: "the loop swings about its goal: the gain is too high for views of that age and rate".into(),
@@ -157,8 +264,8 @@ fn swings(evidence: &RunEvidence, late: &[(f64, f64)]) -> Option<RunFinding> {
 /// An error that falls, and had no time.
 fn slow(evidence: &RunEvidence, late: &[(f64, f64)]) -> Option<RunFinding> {
     let ((t0, e0), (t1, e1)) = (*late.first()?, *late.last()?);
-    let rate_1_s = (e0 / e1).ln() / (t1 - t0);
-    if rate_1_s < FALLS_1_S || !rate_1_s.is_finite() {
+    let rate_1_s = falls_1_s(late).filter(|rate_1_s| *rate_1_s >= FALLS_1_S)?;
+    if falls_no_more(&evidence.summary.reason) {
         return None;
     }
     let tolerance = evidence.config.goal.feature_error_px;
@@ -189,7 +296,69 @@ fn slow(evidence: &RunEvidence, late: &[(f64, f64)]) -> Option<RunFinding> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::tests::{evidence, failed};
     use super::*;
+    use crate::report::summary::SafetyEvent;
+
+    const TIME_IS_OVER: &str = "run.duration_s is over before the goal was reached";
+
+    /// A UR5 that serves for 8 s and did not converge: every hundredth tick, measurements at 25 Hz of points that fit to 1.5e-3 px.
+    fn served(reason: &str, limits: [u8; 2], error_px: impl Fn(f64) -> f64) -> RunEvidence {
+        let mut trace = "time_s,state,limit_acceleration,limit_singularity\n".to_owned();
+        let mut table = "exposure_s,taken_s,status,verdict,error_px,reprojection_rms_px\n".to_owned();
+        for k in 0..80 {
+            trace += &format!("{:.1},servoing,{},{}\n", 0.1 * f64::from(k), limits[0], limits[1]);
+        }
+        for k in 0..200 {
+            let t = 0.04 * f64::from(k);
+            table += &format!("{t:.3},{:.3},Found,used,{},1.5e-3\n", t + 0.02, error_px(t));
+        }
+        failed(evidence("ur5", &trace, &table), reason)
+    }
+
+    #[track_caller]
+    fn causes(evidence: &RunEvidence) -> Vec<Cause> {
+        super::super::explain(evidence).findings.iter().map(|finding| finding.cause).collect()
+    }
+
+    #[test]
+    fn an_arm_that_is_stretched_out_is_no_slow_one() {
+        let creeps = |t: f64| 17.7 + 36.0 * (-0.5 * t).exp();
+        assert_eq!(causes(&served(AT_ITS_END, [63, 63], creeps)), [Cause::AtItsEnd]);
+        let about_75 = |t: f64| 75.0 + 2.0 * (15.0 * t).sin();
+        assert_eq!(causes(&served(TIME_IS_OVER, [63, 63], about_75)), [Cause::AtItsEnd]);
+        assert_eq!(causes(&served(TIME_IS_OVER, [63, 0], about_75)), [], "that is not about its goal");
+        let slow = |t: f64| 80.0 * (-0.2 * t).exp();
+        assert_eq!(causes(&served(TIME_IS_OVER, [63, 63], slow)), [Cause::Limits]);
+        let about_goal = |t: f64| 4.0 + 3.9 * (15.0 * t).sin();
+        assert_eq!(causes(&served(TIME_IS_OVER, [0, 0], about_goal)), [Cause::GainTooHigh]);
+    }
+
+    #[test]
+    fn a_tolerance_below_the_noise_is_told_alone() {
+        use crate::mission::residual::{BELOW_SCATTER, OUT_OF_REACH};
+        let noise = |t: f64| 5e-3 + 3e-3 * (15.0 * t).sin();
+        for reason in [BELOW_SCATTER, OUT_OF_REACH, TIME_IS_OVER] {
+            let mut evidence = served(reason, [0, 0], noise);
+            evidence.config.goal.feature_error_px = 1e-4;
+            assert_eq!(causes(&evidence), [Cause::FineTolerance], "{reason}");
+            let change = below_scatter(&evidence).unwrap().change;
+            assert!(change.starts_with("goal.feature_error_px = 0.012;"), "{change}");
+        }
+        let steady = served(OUT_OF_REACH, [0, 0], |t| 0.11 + 1e-3 * (15.0 * t).sin());
+        assert_eq!(causes(&steady), [Cause::WrongLens]);
+    }
+
+    #[test]
+    fn settling_counts_from_the_request_to_start() {
+        let mut evidence = served(TIME_IS_OVER, [0, 0], |_| 0.1);
+        evidence.summary.settling_time_s = Some(7.5);
+        assert!(speed(&evidence).starts_with("settled to 2 % after 7.50 s"), "{}", speed(&evidence));
+        let events = [(2.0, "start on request"), (6.5, "start on request"), (7.8, "start on request")];
+        evidence.summary.safety.events =
+            events.map(|(time_s, event)| SafetyEvent { time_s, event: event.into() }).into();
+        assert!(speed(&evidence).starts_with("settled to 2 % after 1.00 s"), "{}", speed(&evidence));
+    }
 
     #[test]
     fn a_limit_in_space_that_sets_the_pace_is_named() {

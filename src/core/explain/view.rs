@@ -23,8 +23,13 @@ pub(super) fn findings(evidence: &RunEvidence) -> Vec<RunFinding> {
 
 fn frames_stopped(evidence: &RunEvidence) -> Option<RunFinding> {
     let (duration_s, rate_hz) = (evidence.summary.duration_s, evidence.config.camera.rate_hz);
-    let exposures_s = evidence.measurements.numbers("exposure_s").iter().copied();
-    let times_s: Vec<f64> = std::iter::once(0.0).chain(exposures_s).chain([duration_s]).collect();
+    // Measurements that come again with an exposure that was had are a camera's or vision's matter, not its silence.
+    let table = &evidence.measurements;
+    let came_s = (0..table.rows()).map(|row| match table.number("taken_s", row) {
+        taken_s if taken_s.is_finite() => taken_s,
+        _ => table.number("exposure_s", row),
+    });
+    let times_s: Vec<f64> = std::iter::once(0.0).chain(came_s).chain([duration_s]).collect();
     let silence = |(i, pair): (usize, &[f64])| (pair[0], pair[1] - pair[0], i + 2 == times_s.len());
     let counts = |&(_, silent_s, is_end): &(f64, f64, bool)| {
         silent_s * rate_hz > SILENT_FRAMES && (is_end || silent_s > SILENT_SHARE * duration_s)
@@ -39,7 +44,7 @@ fn frames_stopped(evidence: &RunEvidence) -> Option<RunFinding> {
             if is_end { "" } else { " for a while" }
         ),
         evidence: format!(
-            "the last one was exposed at {last_s:.3} s, {silent_s:.2} s before the {}; {}",
+            "the last one came at {last_s:.3} s, {silent_s:.2} s before the {}; {}",
             if is_end { "end" } else { "next" },
             evidence.summary.reason
         ),

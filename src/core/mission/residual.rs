@@ -19,6 +19,9 @@ const FEWEST: u32 = 5;
 /// An error counts as constant while it changes by less than this share of it, or by less than this, px, which is noise.
 const STEADY_SHARE: f64 = 0.05;
 const STEADY_PX: f64 = 0.05;
+/// A constant error of which the least is below this share of the largest is noise of the view, because a steady one has less of it. Derived: errors of 48 points that are noise
+/// scatter by 0.07 of themselves, and a hundred of them lie within 2.5 times of that on both sides; fewer points scatter more.
+pub const SCATTER_SHARE: f64 = 0.75;
 
 /// The reason that ends a run whose goal cannot be reached.
 pub const OUT_OF_REACH: &str = "the arm stands and the error stays: the goal cannot be reached with this lens, mount or number of \
@@ -51,6 +54,23 @@ pub const AMBIGUOUS_VIEW: &str = "the three points that the law compares are whe
 /// The reason that ends a run whose features fix no pose.
 pub const TOO_FEW_FEATURES: &str = "the arm stands and the error stays: what servo.points, servo.segments and servo.area select tells of fewer directions than the arm has, so that many \
                                     poses look the same to the law, and it went to another one than the goal; let it compare more";
+
+/// The reason that ends a run whose error is noise of the view.
+pub const BELOW_SCATTER: &str = "the arm stands, and the error that stays is of the size of its scatter: goal.feature_error_px is below what the measurements scatter by; \
+                                 raise it (vservo explain names what suits), or give the view less noise: light, focus, a target that is larger in the image";
+
+/// Whether a run ended for this reason with an arm that stood.
+#[must_use]
+pub fn stands(reason: &str) -> bool {
+    [OUT_OF_REACH, AT_ITS_END, LOCAL_MINIMUM, TOO_WEAK, TILT, AMBIGUOUS_VIEW, TOO_FEW_FEATURES, BELOW_SCATTER]
+        .contains(&reason)
+}
+
+/// Whether a run ended for this reason with an error that did not fall any more.
+#[must_use]
+pub fn falls_no_more(reason: &str) -> bool {
+    stands(reason) || [NO_NEARER, NO_NEARER_BY_TORQUES].contains(&reason)
+}
 
 /// The reason that ends a run whose arm moves and gets no nearer.
 const NO_NEARER: &str = "the arm moves on and the error does not fall: lower servo.gain_1_s; see whether load, friction and delay of \
@@ -148,6 +168,8 @@ const FAR: f64 = 20.0;
 pub struct ResidualWatch {
     /// When the present constant error began, and its value then, px.
     since: Option<(MonoNs, f64)>,
+    /// The least and the largest value since then, px.
+    range_px: (f64, f64),
     now: MonoNs,
     measurements: u32,
     /// The mean error of the last two complete spells, the older one first, px.
@@ -172,8 +194,11 @@ impl ResidualWatch {
         match self.since {
             Some((_, first)) if (error_px - first).abs() <= (STEADY_SHARE * first).max(STEADY_PX) => {
                 self.measurements = self.measurements.saturating_add(1);
+                let (low, high) = self.range_px;
+                self.range_px = (error_px.min(low), error_px.max(high));
             }
             _ => {
+                self.range_px = (error_px, error_px);
                 self.since = error_px.is_finite().then_some((now, error_px));
                 self.measurements = 1;
             }
@@ -214,6 +239,12 @@ impl ResidualWatch {
             _ => NO_NEARER,
         };
         self.is_no_nearer(goal_px).then_some(why)
+    }
+
+    /// Whether the constant error is of the size of its scatter.
+    pub(super) fn scatters(&self) -> bool {
+        let (low, high) = self.range_px;
+        low < SCATTER_SHARE * high
     }
 
     /// The constant error, px, of an arm that has stood for 2 s; `None` while the arm or the error moves, or the error is within `goal_px`.
@@ -280,6 +311,27 @@ mod tests {
         assert_eq!(why(&swings, false, &torques), Some(NO_NEARER_BY_TORQUES));
         assert_eq!(why(&swings, true, &velocities), Some(BEHIND_OBJECT));
         assert_eq!(why(&|t| 124.0 * (-t).exp(), false, &velocities), None);
+    }
+
+    #[test]
+    fn a_steady_error_is_told_from_one_that_is_noise() {
+        let scatters = |error_px: &dyn Fn(i64) -> f64| {
+            let mut watch = ResidualWatch::default();
+            for k in 0..75 {
+                watch.note_error(MonoNs(k * 40 * MS), error_px(k));
+            }
+            assert!(watch.constant_px(1e-4).is_some());
+            watch.scatters()
+        };
+        assert!(scatters(&|k| 0.002 + 1e-3 * ((7 * k) % 5) as f64), "noise");
+        assert!(!scatters(&|k| 0.04 + 1e-3 * ((7 * k) % 5) as f64), "an error with noise");
+        assert!(!scatters(&|_| 3.0));
+        assert!(
+            stands(BELOW_SCATTER)
+                && falls_no_more(NO_NEARER)
+                && !stands(NO_NEARER)
+                && !falls_no_more(ON_ITS_WAY)
+        );
     }
 
     #[test]

@@ -174,6 +174,10 @@ fn why_not_used(measurements: &MeasurementLog) -> Option<&'static str> {
             "run.duration_s is over: measurements carry poses that no object before a camera has: see to the vision process",
         ),
         (
+            verdicts.refused_not_newer,
+            "run.duration_s is over: the target was found, but in images or measurements that had come before; see to the camera, its driver and its clock",
+        ),
+        (
             verdicts.refused_from_future,
             "run.duration_s is over: exposure stamps lie too far in the future to be used; set camera.stamp_offset_ms",
         ),

@@ -79,8 +79,13 @@ impl CsvTable {
     #[must_use]
     pub fn rows_of(&self, name: &str, number: f64) -> Self {
         let Some(column) = self.column(name) else { return self.clone() };
-        let kept: Vec<usize> =
-            (0..self.rows).filter(|row| column.numbers.get(*row) == Some(&number)).collect();
+        self.rows_where(|row| column.numbers.get(row) == Some(&number))
+    }
+
+    /// The rows that `keep` keeps.
+    #[must_use]
+    pub fn rows_where(&self, keep: impl Fn(usize) -> bool) -> Self {
+        let kept: Vec<usize> = (0..self.rows).filter(|row| keep(*row)).collect();
         let of = |column: &Column| Column {
             numbers: kept.iter().filter_map(|row| column.numbers.get(*row).copied()).collect(),
             words: (0..)
