@@ -6,7 +6,7 @@ use clap::Args;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-/// How long a black box may keep: what is shorter than a chunk holds nothing, and an hour is for a recording.
+/// How long a black box may keep, s. Chosen by hand: what is shorter than a chunk holds nothing, and an hour is for a recording.
 const LAST_S: std::ops::RangeInclusive<f64> = 1.0..=3600.0;
 
 /// Options of a daemon's black box.
