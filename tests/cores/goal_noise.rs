@@ -48,6 +48,16 @@ fn noise_of_the_image_does_not_hide_the_goal() {
     }
 }
 
+/// What stays is noise then, and no matter of lens, mount or gain.
+#[test]
+fn a_tolerance_below_the_noise_is_told() {
+    for (file, tolerance) in [("default", "1e-4"), ("ur5", "1e-4"), ("tag", "5e-4")] {
+        let (run, ..) = run(file, 1, &[&format!("goal.feature_error_px={tolerance}")]);
+        assert_eq!(run.finish.outcome, Outcome::NotConverged, "{file} {run:?}");
+        assert!(run.finish.reason.contains("below what the measurements scatter by"), "{file} {run:?}");
+    }
+}
+
 /// With 1e-4 rad of noise the arm trembles by more than the tolerance, about a place within it.
 #[test]
 fn noise_of_encoders_does_not_hide_the_goal() {

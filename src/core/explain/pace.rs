@@ -143,7 +143,7 @@ fn at_its_end(evidence: &RunEvidence, late: &[(f64, f64)]) -> Option<RunFinding>
     };
     let (position, singularity) = (share("limit_position"), share("limit_singularity"));
     let stays = falls_1_s(late).is_none_or(|rate_1_s| rate_1_s < FALLS_1_S);
-    if !is_told && !(stays && position.max(singularity) > HELD_BACK) {
+    if !(is_told || stays && position.max(singularity) > HELD_BACK) {
         return None;
     }
     let (what, limit, acted) = if position > singularity {

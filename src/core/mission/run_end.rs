@@ -222,6 +222,19 @@ mod tests {
     }
 
     #[test]
+    fn a_target_in_images_that_come_again_is_not_lost() {
+        let found = Measurement { status: TargetStatus::Found as u32, ..Measurement::default() };
+        let mut log = MeasurementLog::new();
+        let reason = |log: &MeasurementLog| {
+            time_is_up(true, ControlState::Holding, None, (log, PointKind::Dots)).reason
+        };
+        log.note(&found, Some(MeasurementVerdict::Used), 1.0, &mut Events::default());
+        assert!(reason(&log).contains("the target was lost"));
+        log.note(&found, Some(MeasurementVerdict::NotNewer), 1.0, &mut Events::default());
+        assert!(reason(&log).contains("that had come before"), "{}", reason(&log));
+    }
+
+    #[test]
     fn a_target_is_called_what_it_is() {
         for (points, status, word) in [
             (PointKind::Dots, TargetStatus::Inconsistent, "the target's dots never fitted"),
