@@ -151,6 +151,7 @@ class Fault(enum.IntEnum):
     ROBOT_OFF = 34
     ROBOT_ERROR = 35
     ROBOT_HALTED = 36
+    REST_UNKNOWN = 37
 
 
 class Outcome(enum.IntEnum):
@@ -362,7 +363,7 @@ class ControlCommand(ctypes.Structure):
     """A request to control."""
 
     _fields_ = [
-        ("request", ctypes.c_uint32),  # Code of a control.lifecycle.Request; 0 asks for the answer alone, and every other code is refused.
+        ("request", ctypes.c_uint32),  # Code of a control.lifecycle.Request; 0 asks for the answer alone, and every other code is refused. With 0 and the form CommandForm.Features or CommandForm.Pose the answer's refusal tells whether that goal would be refused; with CommandForm.Joints whether that posture would be, and where two postures stand there, the second one after the first.
         ("arm", ctypes.c_uint32),  # Which arm: 0; a request for any other is refused.
         ("camera", ctypes.c_uint32),  # The camera that a goal is meant for: 0; a request for any other is refused.
         ("form", ctypes.c_uint32),  # What the numbers are: code of a CommandForm.

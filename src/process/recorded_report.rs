@@ -27,7 +27,8 @@ pub fn evidence_of_recording<R: Read>(
     reader: RecordingReader<R>,
     config: Config,
 ) -> Result<RunEvidence, ReplayError> {
-    let RecordedResults { summary, files } = recorded_results(&mut RecordedRun::of_any(reader)?, &config)?;
+    let RecordedResults { summary, files, .. } =
+        recorded_results(&mut RecordedRun::of_any(reader)?, &config)?;
     let table = |wanted: &str| {
         let found = files.iter().find(|(name, _)| *name == wanted);
         found.map(|(_, text)| CsvTable::parse(text)).unwrap_or_default()
@@ -68,7 +69,7 @@ pub fn write_recorded<R: Read>(
     let wrong = |cause: ReplayError| ProcessError::Replay { path: path.into(), cause: Box::new(cause) };
     let [of_results, mut of_images] = readers;
     let results = RecordedRun::of_any(of_results).and_then(|mut run| recorded_results(&mut run, config));
-    let RecordedResults { summary, files } = results.map_err(wrong)?;
+    let RecordedResults { summary, files, .. } = results.map_err(wrong)?;
     for (name, text) in files {
         report.folder().write(name, text)?;
     }

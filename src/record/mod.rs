@@ -41,6 +41,8 @@ pub const END: &str = "vservo.end";
 pub const RUN_FILE: &str = "run.toml";
 /// The key of [`END`] with the reason for which the supervisor ended the run before its time, which control does not know.
 pub const FAILURE: &str = "failure";
+/// The key of [`END`] with what a black box was written for.
+pub const KEPT_BECAUSE: &str = "kept because";
 
 impl From<McapError> for RecordingError {
     /// What the system says is of the disk; what a decompressor says is of the file.

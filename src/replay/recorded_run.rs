@@ -7,10 +7,10 @@ use crate::config::{Config, DriveKind};
 use crate::control::trace::FrameStamps;
 use crate::drive::DriveProperties;
 use crate::messages::{DriveTextMsg, Measurement, RequestMsg, TraceMsg, text_kind, trace_flag};
-use crate::record::{END, FAILURE, RUN_FILE, RecordingReader};
+use crate::record::{END, RUN_FILE, RecordingReader};
 use crate::robot::Robot;
 use crate::time::MonoNs;
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::io::Read;
 use std::path::Path;
 
@@ -172,13 +172,13 @@ impl<R: Read> RecordedRun<R> {
         self.requests.drain(..)
     }
 
-    /// Why the supervisor ended the run before its time, where it did; reads to the end of the file.
+    /// What the file tells of its end; reads on to there.
     ///
     /// # Errors
     /// When it cannot be read.
-    pub fn failure(&mut self) -> Result<Option<String>, ReplayError> {
+    pub fn end(&mut self) -> Result<BTreeMap<String, String>, ReplayError> {
         while self.reader.next_message()?.is_some() {}
-        Ok(self.reader.metadata().get(END).and_then(|end| end.get(FAILURE)).cloned())
+        Ok(self.reader.metadata().get(END).cloned().unwrap_or_default())
     }
 
     /// What is missing, where the run cannot be followed any further.

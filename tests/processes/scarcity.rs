@@ -78,6 +78,6 @@ fn too_few_inodes_and_too_little_space_are_named() {
     }
     assert!(refused > 5, "{refused}");
     let (code, text) =
-        run(&["unshare", "-m", "sh"], "mount -t tmpfs -o mode=1777,size=32m tmpfs /dev/shm || exit 77");
+        run(&["unshare", "-m", "sh"], "mount -t tmpfs -o mode=1777,size=40m tmpfs /dev/shm || exit 77");
     assert_eq!(code, Some(0), "what is asked for is enough: {text}");
 }

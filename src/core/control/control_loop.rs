@@ -139,7 +139,7 @@ impl<const N: usize> ControlLoop<N> {
         let is_cut_off = !self.settings.one_clock && matches!(output.fault, Some(Fault::Drive(_)));
         let is_cut_off = is_cut_off && (self.ends || !self.settings.served);
         let over = if is_cut_off && self.settings.moves_an_arm {
-            self.ends_as(Fault::RestUnknown)
+            self.ends_unseen()
         } else {
             is_cut_off || (self.ends && self.comes_to_its_end())
         };
@@ -195,7 +195,7 @@ impl<const N: usize> ControlLoop<N> {
         match self.controller.rest() {
             Rest::AtRest => true,
             Rest::Restless => self.ends_as(Fault::NotAtRest),
-            Rest::Unknown => self.ends_as(Fault::RestUnknown),
+            Rest::Unknown => self.ends_unseen(),
             Rest::Moving => {
                 let _ = self.controller.request(Request::Shutdown); // nothing refuses it
                 false
@@ -206,10 +206,13 @@ impl<const N: usize> ControlLoop<N> {
     /// This is the last tick although the arm is not known to stand: tells so.
     fn ends_as(&mut self, fault: Fault) -> bool {
         self.events.push(Event::Fault(fault));
-        if fault == Fault::RestUnknown {
-            self.unknown = self.controller.unknown_joint(&self.sensed);
-        }
         true
+    }
+
+    /// The same where its joints are not seen. Of those that stood when they were seen last nothing is told but the fault that hides them.
+    fn ends_unseen(&mut self) -> bool {
+        self.unknown = self.controller.unknown_joint(&self.sensed).filter(|joint| !joint.stood());
+        self.unknown.is_none() || self.ends_as(Fault::RestUnknown)
     }
 
     /// Brings the arm to rest and ends the loop with `reason`.

@@ -5,8 +5,10 @@ use super::recorded_part::of_part;
 use super::{Pace, run_files, summary};
 use crate::config::{Clock, Config};
 use crate::control::outcome::Outcome;
+use crate::control::safety::Fault;
 use crate::messages::CameraId;
 use crate::mission::LockstepRun;
+use crate::record::{FAILURE, KEPT_BECAUSE};
 use crate::replay::{ControlAgain, How, RecordedRun, ReplayError};
 use crate::report::summary::{RECORDING_ENDS, Summary, TickTimes};
 use crate::robot::Robot;
@@ -20,6 +22,8 @@ pub struct RecordedResults {
     pub summary: Summary,
     /// The files of its report that control writes, with their names.
     pub files: Vec<(&'static str, String)>,
+    /// The last fault that was recorded.
+    pub(super) last_fault: Option<Fault>,
 }
 
 /// Of a recording that is complete and has no end of its run.
@@ -38,9 +42,13 @@ pub fn recorded_results<R: Read>(
     } else {
         crate::dispatch_robot!(config.robot, |robot| of_robot(recorded, config, robot))??
     };
-    // Control was told to end, and by its own account it did; as in the summary of the run.
-    if let Some(failure) = recorded.failure()? {
-        (results.summary.outcome, results.summary.reason) = (Outcome::Fault, failure);
+    let end = recorded.end()?;
+    // Of a run that was told to end control does not know why; and a black box holds a part of a run, which is about its last fault.
+    let of_box = end
+        .get(KEPT_BECAUSE)
+        .map(|why| results.last_fault.map_or_else(|| why.clone(), |fault| fault.describe().into()));
+    if let Some(why) = end.get(FAILURE).cloned().or(of_box) {
+        (results.summary.outcome, results.summary.reason) = (Outcome::Fault, why);
     }
     Ok(results)
 }
@@ -54,12 +62,14 @@ fn of_robot<R: Read, const N: usize>(
     let mut history = run_files::history(config, &again.mission);
     let mut deadlines: Option<Deadlines> = None;
     let mut span = (MonoNs::ZERO, MonoNs::ZERO);
+    let mut last_fault = None;
     let replayed = again.run(recorded, &mut |trace, measurement| {
         measurement
             .filter(|m| m.camera == u32::from(CameraId::FIRST))
             .into_iter()
             .for_each(|m| history.note_measurement(m));
         history.note(trace);
+        last_fault = trace.fault.or(last_fault);
         let deadlines = deadlines.get_or_insert_with(|| {
             span.0 = trace.time;
             Deadlines::new(trace.time)
@@ -99,5 +109,5 @@ fn of_robot<R: Read, const N: usize>(
         summary.reason = format!("{RECORDING_ENDS}: {why}");
     }
     let files = run_files::texts(config, &run, &history).map(|(name, text)| (name, text()));
-    Ok(RecordedResults { summary, files: files.into() })
+    Ok(RecordedResults { summary, files: files.into(), last_fault })
 }

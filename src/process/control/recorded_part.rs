@@ -64,7 +64,7 @@ pub(super) fn of_part<R: Read, const N: usize>(
     summary.safety.state = last.state.as_str().into();
     summary.state_hash = None;
     let files = run_files::texts(config, &run, &history).map(|(name, text)| (name, text()));
-    Ok(RecordedResults { summary, files: files.into() })
+    Ok(RecordedResults { summary, files: files.into(), last_fault: part.fault })
 }
 
 /// What is counted of a part.

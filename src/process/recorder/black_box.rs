@@ -12,7 +12,7 @@ use crate::config::Config;
 use crate::ipc::{Instance, Role};
 use crate::process::run_place::utc_name;
 use crate::process::{Membership, ProcessError, StopFlag, priority};
-use crate::record::RUN_FILE;
+use crate::record::{KEPT_BECAUSE, RUN_FILE};
 use crate::rt::{now, unix_origin};
 use crate::time::{MonoNs, SpanNs};
 use std::collections::BTreeMap;
@@ -28,6 +28,10 @@ const ROOM_OF_RECORDS: usize = 256 << 20;
 const AFTERWARDS: SpanNs = SpanNs(1_500_000_000);
 /// Files that are kept of an instance, so that an arm that faults again and again fills no disk. Chosen by hand.
 const FILES: usize = 10;
+
+/// What it is written for, in the words of its file.
+const A_FAULT: &str = "there was a fault";
+const CONTROL_DIED: &str = "the control process died";
 
 /// What a black box keeps, and where.
 #[derive(Debug, Clone)]
@@ -118,13 +122,13 @@ impl FaultWatch {
     fn look(&mut self, state: Option<RunState>, has_control: bool, time: MonoNs) {
         let state = state.unwrap_or(self.before);
         if state.has_fault && !self.before.has_fault {
-            self.due.get_or_insert(("there was a fault", time + AFTERWARDS));
+            self.due.get_or_insert((A_FAULT, time + AFTERWARDS));
         }
         self.before = state;
         if has_control {
             self.control_ran = true;
         } else if std::mem::take(&mut self.control_ran) && !state.is_over {
-            self.due.get_or_insert(("the control process died", time));
+            self.due.get_or_insert((CONTROL_DIED, time));
         }
     }
 
@@ -151,7 +155,7 @@ impl Files {
         let blocks = tracks.iter().flat_map(Track::kept).cloned().collect();
         let lost = tracks.iter().flat_map(Track::taps).map(|tap| tap.count());
         let lost = lost.map(|count| (format!("{}: lost", count.service), count.counter.lost.to_string()));
-        let end = lost.chain([("kept because".to_owned(), why.to_owned())]).collect();
+        let end = lost.chain([(KEPT_BECAUSE.to_owned(), why.to_owned())]).collect();
         let (about, attached) = (self.about.clone(), self.attached.clone());
         let write = move || {
             match kept_blocks::write(&path, &about, &attached, blocks, end) {

@@ -1,6 +1,7 @@
 //! Whether the arm stands.
 
 use super::{Controller, Rest, State};
+use crate::control::safety::REST_SPEED;
 use crate::drive::{CommandMode, DriveState};
 use crate::robot::joint_in_words;
 use crate::time::{MonoNs, SpanNs, TICK};
@@ -61,6 +62,12 @@ pub struct UnknownJoint {
 }
 
 impl UnknownJoint {
+    /// Whether it stood in its last usable state, and the drive does not say otherwise.
+    pub(in crate::control) fn stood(&self) -> bool {
+        let is_slow = |qd: f64| qd.abs() <= REST_SPEED;
+        is_slow(self.known) && (self.reported.is_nan() || is_slow(self.reported))
+    }
+
     /// What is told of it at the end of a run, with the `names` of all joints.
     #[must_use]
     pub fn in_words<S: AsRef<str>>(&self, names: &[S]) -> String {

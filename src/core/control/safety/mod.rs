@@ -40,6 +40,7 @@ pub use arm::ArmWatch;
 pub use contact::{Contact, ContactNumbers, ContactReaction, ContactWatch};
 pub use encoders::{EncoderTraits, EncoderWatch, ExpectedMotion};
 pub use freshness::{Freshness, MeasurementWatch};
+pub(in crate::control) use rest::REST_SPEED;
 pub use rest::RestWatch;
 
 use crate::drive::DriveFault;

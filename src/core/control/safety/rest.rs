@@ -9,7 +9,7 @@ use crate::time::TICK;
 use nalgebra::SVector;
 
 /// An arm slower than this is at rest, rad/s or m/s.
-const REST_SPEED: f64 = 0.02;
+pub(in crate::control) const REST_SPEED: f64 = 0.02;
 /// Ticks over which its speed is judged.
 const WINDOW: usize = 100;
 /// Share of that speed that is allowed at the end of the window: the arm may gain speed until the last command acts.
