@@ -375,7 +375,7 @@ mod tests {
             let messages = derived.measurement(&m);
             let [annotations, transform] = &messages[..] else { panic!("{messages:?}") };
             assert_eq!(annotations.topic, format!("/camera/{}/annotations", cell.camera.id));
-            let goal = cell.camera.model.pixel_of(&cell.set_point.features()[0].into());
+            let goal = cell.camera.model.pixel_of(&cell.set_point.features()[0]);
             assert!(has_numbers(annotations, &[goal.x, goal.y]), "the goal of its own camera");
             assert!(has(transform, camera) && has(transform, target));
             assert!(has_numbers(transform, X_CO.translation.vector.as_slice()));

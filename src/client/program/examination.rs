@@ -45,12 +45,15 @@ fn refused(answer: Result<RunAnswer, ProcessError>) -> Result<Option<String>, Pr
     }
 }
 
+/// Why a step would be refused where the arm stands before it in this posture, rad or m.
+type AskOfStep<'a> = dyn FnMut(&StepAction, Option<&[f64]>) -> Result<Option<String>, ProcessError> + 'a;
+
 /// Asks `ask` of each step, with the posture in which the arm stands before it where that is known, and adds what it says to `found`, with its key. Gives the
 /// posture behind the last step.
 fn walk(
     steps: &[ProgramStep],
     mut from: Option<Vec<f64>>,
-    ask: &mut dyn FnMut(&StepAction, Option<&[f64]>) -> Result<Option<String>, ProcessError>,
+    ask: &mut AskOfStep<'_>,
     found: &mut Vec<(String, String)>,
 ) -> Result<Option<Vec<f64>>, ProcessError> {
     for step in steps {
