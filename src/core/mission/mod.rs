@@ -63,7 +63,7 @@ use goal_watch::GoalWatch;
 use nalgebra::SVector;
 use requests::MissionChange;
 use residual::{
-    AMBIGUOUS_VIEW, AT_ITS_END, BELOW_SCATTER, OUT_OF_REACH, ResidualWatch, TOO_FEW_FEATURES, TOO_WEAK,
+    AMBIGUOUS_VIEW, AT_ITS_END, BELOW_SCATTER, OUT_OF_REACH, ResidualWatch, TILT, TOO_FEW_FEATURES, TOO_WEAK,
     is_another_pose, is_at_its_end, leaves_pose_open, why_it_stays,
 };
 use run_end::{HELD_OFF, LAST_FRAME, LATELY, MOTION_OVER, NO_MORE_FRAMES, RunEnd};
@@ -398,9 +398,10 @@ impl<const N: usize> Mission<N> {
         let (law, set_point) = (&self.plan.law, &self.goal.set_point);
         let joints = self.cell.as_ref().map_or(N, |cell| cell.mount.moving_joints(N));
         let why = |px| match seen.filter(|m| is_another_pose(set_point, m, &self.plan.f_px, met_px)) {
-            _ if self.residual.scatters() => BELOW_SCATTER,
-            Some(_) => AMBIGUOUS_VIEW,
-            None => match why_it_stays(law, set_point, seen, (px, N)) {
+            Some(_) if !self.residual.scatters() => AMBIGUOUS_VIEW,
+            _ => match why_it_stays(law, set_point, seen, (px, N)) {
+                // noise of the tilt is what moves it aside
+                why if self.residual.scatters() && why != TILT => BELOW_SCATTER,
                 // what is seen has no explanation of its own
                 OUT_OF_REACH | TOO_WEAK if is_at_its_end(&trace.limits) => AT_ITS_END,
                 OUT_OF_REACH | TOO_WEAK if leaves_pose_open(law, set_point, joints) => TOO_FEW_FEATURES,
