@@ -58,11 +58,11 @@ mod tests {
     fn a_definition_names_every_field_in_its_order() {
         let text = ros2_schema(ControlCommand::LAYOUT);
         let begin = "# vservo.ControlCommand.v3: A request to control.\n\
-             # Code of a control::lifecycle::Request; 0 asks for the answer alone, and every other code is refused.\n\
-             uint32 request\n\
-             # Which arm: 0; a request for any other is refused.\n\
-             uint32 arm\n";
+             # Code of a control::lifecycle::Request; 0 asks for the answer alone, and every other code is refused.";
+        let next = "\nuint32 request\n# Which arm: 0; a request for any other is refused.\nuint32 arm\n";
         assert!(text.starts_with(begin) && text.ends_with("\nfloat64[128] values\n"), "{text}");
+        assert_eq!(text.lines().nth(2), Some("uint32 request"));
+        assert!(text.contains(next), "{text}");
         assert_eq!(ros2_name(JointState::LAYOUT), "vservo/msg/JointState");
         let text = ros2_schema(Measurement::LAYOUT);
         let lines: Vec<_> = text.lines().filter(|line| !line.starts_with('#')).collect();
