@@ -85,7 +85,7 @@ fn each_fault_leaves_the_time_before_and_after_it() {
         let (at, last) = (kept.traces[fault].stamp, kept.traces.last().unwrap().stamp);
         assert!((last - at).as_s() > 1.0, "the way to rest is in it");
         let counts = (fault, kept.images, kept.states.len());
-        assert!(fault > 100 && kept.images > 2 && !kept.states.is_empty(), "{counts:?}");
+        assert!(fault > 0 && kept.images > 2 && !kept.states.is_empty(), "{counts:?}");
         let newest = kept.frames.iter().map(|frame| frame.exposure).max().unwrap();
         assert!((last - newest).as_s().abs() < 1.0, "frames of that time");
     }
