@@ -78,14 +78,14 @@ struct Deadline<'p> {
 
 /// The motion that the program has asked for last.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-struct OwnMotion {
+struct ProgramMotion {
     /// Number of the request, or of that of another client where the program has found the arm on its way to the goal, and gone on with that.
     request: Option<u64>,
     /// Whether an answer is missing, so that its number is not known.
     is_unanswered: bool,
 }
 
-impl OwnMotion {
+impl ProgramMotion {
     /// Whether the arm does it still, by an answer of the run.
     fn is_that_of(self, status: &RunAnswer) -> bool {
         self.is_unanswered || (self.request.is_some() && self.request == status.motion_request)
@@ -96,7 +96,7 @@ struct Runner<'a> {
     client: &'a Client,
     tell: &'a mut dyn FnMut(&str),
     expected: Expected,
-    own: OwnMotion,
+    own: ProgramMotion,
     /// The step that is done.
     at: String,
 }
@@ -112,7 +112,7 @@ impl Client {
         tell: &mut dyn FnMut(&str),
     ) -> Result<ProgramEnd, ProcessError> {
         examination::examine(self, program)?;
-        let (expected, own) = (Expected::Anything, OwnMotion::default());
+        let (expected, own) = (Expected::Anything, ProgramMotion::default());
         let mut runner = Runner { client: self, tell, expected, own, at: String::new() };
         let end = runner.all(&program.steps, None);
         let step = runner.at.clone();
@@ -365,11 +365,11 @@ mod tests {
     #[test]
     fn a_program_holds_no_motion_of_somebody_else() {
         let runs = |number| RunAnswer { motion_request: Some(number), ..answer() };
-        let own = OwnMotion { request: Some(5), is_unanswered: false };
+        let own = ProgramMotion { request: Some(5), is_unanswered: false };
         assert!(own.is_that_of(&runs(5)));
         assert!(!own.is_that_of(&runs(6)), "taken over");
-        assert!(!OwnMotion::default().is_that_of(&runs(6)), "it has moved nothing");
+        assert!(!ProgramMotion::default().is_that_of(&runs(6)), "it has moved nothing");
         // Nobody knows whose it is: the arm is to stand.
-        assert!(OwnMotion { is_unanswered: true, ..own }.is_that_of(&runs(6)));
+        assert!(ProgramMotion { is_unanswered: true, ..own }.is_that_of(&runs(6)));
     }
 }

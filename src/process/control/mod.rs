@@ -24,7 +24,8 @@ mod restart_watch;
 mod run_files;
 mod stops;
 
-pub use recorded::{RecordedResults, recorded_results};
+pub use recorded::recorded_results;
+pub use recorded_part::RecordedResults;
 
 use super::{Membership, ProcessError, ReportFolder, StopFlag, second_vision};
 use crate::calibration::load::LoadRecording;

@@ -1,30 +1,19 @@
 //! What a run leaves, from its recording: it is replayed, and counted and remembered as it was while it ran. Of a recording that begins after its run, what its records tell.
 
 use super::deadlines::Deadlines;
-use super::recorded_part::of_part;
+use super::recorded_part::{RecordedResults, of_part};
 use super::{Pace, run_files, summary};
 use crate::config::{Clock, Config};
 use crate::control::outcome::Outcome;
-use crate::control::safety::Fault;
 use crate::messages::CameraId;
 use crate::mission::LockstepRun;
 use crate::record::{FAILURE, KEPT_BECAUSE};
 use crate::replay::{ControlAgain, How, RecordedRun, ReplayError};
-use crate::report::summary::{RECORDING_ENDS, Summary, TickTimes};
+use crate::report::summary::{RECORDING_ENDS, TickTimes};
 use crate::robot::Robot;
 use crate::sim::preflight::Preflight;
 use crate::time::{MonoNs, SpanNs};
 use std::io::Read;
-
-/// What a run left.
-pub struct RecordedResults {
-    /// Its summary, without what only its processes knew: their use of the machine, wake-ups.
-    pub summary: Summary,
-    /// The files of its report that control writes, with their names.
-    pub files: Vec<(&'static str, String)>,
-    /// The last fault that was recorded.
-    pub(super) last_fault: Option<Fault>,
-}
 
 /// Of a recording that is complete and has no end of its run.
 const NO_END: &str = "no end of it was recorded: control was gone before it told one (was it killed?), or the recorder was ended first";

@@ -1,6 +1,5 @@
 //! What there is to tell of a recording that begins after its run, as that of a black box does: what its records say, without running anything again.
 
-use super::recorded::RecordedResults;
 use super::{Pace, run_files, summary};
 use crate::config::assemble::control_loop;
 use crate::config::{Clock, Config};
@@ -11,9 +10,19 @@ use crate::control::trace::Trace;
 use crate::messages::CameraId;
 use crate::replay::{RecordedRun, RecordedTick, ReplayError};
 use crate::report::statistics::RunStatistics;
-use crate::report::summary::RECORDING_ENDS;
+use crate::report::summary::{RECORDING_ENDS, Summary};
 use crate::robot::Robot;
 use std::io::Read;
+
+/// What a run left.
+pub struct RecordedResults {
+    /// Its summary, without what only its processes knew: their use of the machine, wake-ups.
+    pub summary: Summary,
+    /// The files of its report that control writes, with their names.
+    pub files: Vec<(&'static str, String)>,
+    /// The last fault that was recorded.
+    pub(super) last_fault: Option<Fault>,
+}
 
 /// Results of a part of a run of `config`. Without what only control and mission knew: accuracy, settling, what was estimated of arm and load.
 pub(super) fn of_part<R: Read, const N: usize>(

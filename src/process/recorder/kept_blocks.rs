@@ -15,7 +15,7 @@ use std::sync::Arc;
 
 /// A recording of half a second.
 #[derive(Debug)]
-pub(super) struct Block {
+pub(super) struct KeptBlock {
     began: MonoNs,
     bytes: Vec<u8>,
 }
@@ -56,13 +56,13 @@ impl Track {
         let whole = std::mem::replace(&mut self.writer, next);
         let began = std::mem::replace(&mut self.began, time);
         if whole.waiting_bytes() > 0 {
-            self.blocks.keep(Block { began, bytes: whole.finish(&BTreeMap::new())? });
+            self.blocks.keep(KeptBlock { began, bytes: whole.finish(&BTreeMap::new())? });
         }
         Ok(())
     }
 
     /// The blocks that are kept, the oldest first.
-    pub(super) fn kept(&self) -> impl Iterator<Item = &Arc<Block>> {
+    pub(super) fn kept(&self) -> impl Iterator<Item = &Arc<KeptBlock>> {
         self.blocks.blocks.iter()
     }
 }
@@ -76,7 +76,7 @@ fn begin(taps: &mut [Box<dyn ServiceTap<Vec<u8>>>]) -> Result<RecordingWriter<Ve
 /// Blocks of which the oldest go.
 #[derive(Debug, Default)]
 struct KeptBlocks {
-    blocks: VecDeque<Arc<Block>>,
+    blocks: VecDeque<Arc<KeptBlock>>,
     bytes: usize,
     longest: SpanNs,
     room: usize,
@@ -84,7 +84,7 @@ struct KeptBlocks {
 
 impl KeptBlocks {
     /// Keeps the newest block, and lets those go that are too old, or for which there is no room.
-    fn keep(&mut self, block: Block) {
+    fn keep(&mut self, block: KeptBlock) {
         let oldest = block.began - self.longest;
         self.bytes += block.bytes.len();
         self.blocks.push_back(Arc::new(block));
@@ -103,7 +103,7 @@ pub(super) fn write(
     path: &Path,
     about: &BTreeMap<String, String>,
     files: &[RecordedFile],
-    mut blocks: Vec<Arc<Block>>,
+    mut blocks: Vec<Arc<KeptBlock>>,
     end: BTreeMap<String, String>,
 ) -> Result<(), ProcessError> {
     blocks.sort_by_key(|block| block.began);
@@ -123,7 +123,7 @@ fn recording_of(
     sink: impl std::io::Write,
     about: &BTreeMap<String, String>,
     files: &[RecordedFile],
-    blocks: &[Arc<Block>],
+    blocks: &[Arc<KeptBlock>],
     mut end: BTreeMap<String, String>,
 ) -> Result<(), ProcessError> {
     let mut writer = RecordingWriter::new(sink, about)?;
@@ -166,7 +166,7 @@ mod tests {
         let mut kept = KeptBlocks { longest: ms(longest_ms), room, ..KeptBlocks::default() };
         for k in 0..blocks {
             // Blocks are a little longer than they should be.
-            kept.keep(Block { began: MonoNs(0) + ms(510 * k), bytes: vec![0; 10] });
+            kept.keep(KeptBlock { began: MonoNs(0) + ms(510 * k), bytes: vec![0; 10] });
         }
         assert_eq!(kept.bytes, 10 * kept.blocks.len());
         kept.blocks.iter().map(|block| block.began.0 / 510_000_000).collect()
