@@ -5,7 +5,7 @@
 //! ```
 //! Nothing is written before that, and nobody waits for it: in lockstep, whose clock is faster, it would miss most.
 
-use super::kept_blocks::{self, Track};
+use super::kept_blocks::{self, KeptServices};
 use super::taps::{self, RunState};
 use super::{MAX_CHUNK, PAUSE, Presence, RecordedFile, about};
 use crate::config::Config;
@@ -67,8 +67,8 @@ pub fn keep_the_last(
     let (frames, records) =
         taps::open(config, membership.services())?.into_iter().partition(|tap| tap.takes_frames());
     let mut tracks = [
-        Track::new(records, (settings.last, ROOM_OF_RECORDS), start)?,
-        Track::new(frames, (settings.last, ROOM_OF_FRAMES), start)?,
+        KeptServices::new(records, (settings.last, ROOM_OF_RECORDS), start)?,
+        KeptServices::new(frames, (settings.last, ROOM_OF_FRAMES), start)?,
     ];
     membership.services().require_room_for_peers()?;
     info!(
@@ -87,7 +87,7 @@ pub fn keep_the_last(
             track.take_all()?;
         }
         let time = now();
-        let state = tracks.iter().flat_map(Track::taps).find_map(|tap| tap.run_state());
+        let state = tracks.iter().flat_map(KeptServices::taps).find_map(|tap| tap.run_state());
         watch.look(state, instance.is_running(Role::Control), time);
         let ends = is_stopped || is_over;
         let why =
@@ -149,11 +149,11 @@ struct Files {
 
 impl Files {
     /// Begins to write what the tracks keep, because of `why`; after what is being written.
-    fn write(&mut self, why: &'static str, tracks: &[Track]) {
+    fn write(&mut self, why: &'static str, tracks: &[KeptServices]) {
         self.wait();
         let path = free_path(&self.folder);
-        let blocks = tracks.iter().flat_map(Track::kept).cloned().collect();
-        let lost = tracks.iter().flat_map(Track::taps).map(|tap| tap.count());
+        let blocks = tracks.iter().flat_map(KeptServices::kept).cloned().collect();
+        let lost = tracks.iter().flat_map(KeptServices::taps).map(|tap| tap.count());
         let lost = lost.map(|count| (format!("{}: lost", count.service), count.counter.lost.to_string()));
         let end = lost.chain([(KEPT_BECAUSE.to_owned(), why.to_owned())]).collect();
         let (about, attached) = (self.about.clone(), self.attached.clone());

@@ -21,14 +21,14 @@ pub(super) struct KeptBlock {
 }
 
 /// Some services and what they sent lately.
-pub(super) struct Track {
+pub(super) struct KeptServices {
     taps: Vec<Box<dyn ServiceTap<Vec<u8>>>>,
     writer: RecordingWriter<Vec<u8>>,
     began: MonoNs,
     blocks: KeptBlocks,
 }
 
-impl Track {
+impl KeptServices {
     /// Keeps what `taps` take for `longest`, in at most `room` bytes.
     pub(super) fn new(
         mut taps: Vec<Box<dyn ServiceTap<Vec<u8>>>>,
