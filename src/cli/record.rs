@@ -3,7 +3,7 @@
 use super::black_box;
 use super::completion;
 use super::{check_writable, config_on_stdin, doctor, json, shown, warn};
-use crate::config::Config;
+use crate::config::{Clock, Config};
 use crate::ipc::Instance;
 use crate::process::recorder::{self, BlackBoxSettings, RecordedFile};
 use crate::process::{self, ProcessError, StopFlag};
@@ -58,6 +58,10 @@ pub(super) fn record(arguments: &RecordArguments) -> Result<u8, ProcessError> {
         }
     }
     if let Some(last) = arguments.last {
+        if config.clock == Clock::Lockstep {
+            let why = "--last: a run in lockstep waits for a recorder and not for a black box, which would miss most; record all of it, without --last";
+            return Err(ProcessError::NoCommand(why.into()));
+        }
         let writes_at_stop = arguments.supervised_by.is_none();
         let settings = BlackBoxSettings { last, folder: arguments.out.clone(), writes_at_stop };
         recorder::keep_the_last(&config, &instance, &stop, &settings, files(&config))?;

@@ -133,7 +133,8 @@ impl<R: Read> RecordedRun<R> {
         self.is_over = trace.flags & trace_flag::LAST != 0;
         let mut measurement = None;
         if trace.flags & trace_flag::MEASUREMENT != 0 {
-            let found = self.measurements.iter().position(|m| FrameStamps::of(m) == stamps(&trace));
+            let found =
+                self.measurements.iter().position(|m| FrameStamps::of(m) == FrameStamps::of_record(&trace));
             if found.is_none() && self.is_part {
                 return Ok(Some(RecordedTick { trace, measurement }));
             }
@@ -191,17 +192,5 @@ impl<R: Read> RecordedRun<R> {
     #[must_use]
     pub fn cut_off(&self) -> Option<&str> {
         self.reader.cut_off().filter(|_| !self.is_over)
-    }
-}
-
-/// The stamps of the measurement that a tick took.
-fn stamps(trace: &TraceMsg) -> FrameStamps {
-    FrameStamps {
-        frame_id: trace.frame_id,
-        camera: trace.camera,
-        exposure: trace.exposure,
-        sent: trace.frame_sent,
-        vision_start: trace.vision_start,
-        vision_end: trace.vision_end,
     }
 }

@@ -181,3 +181,17 @@ fn a_folder_that_cannot_be_made_is_told_and_ends_nothing() {
     assert_eq!(daemon.wait().unwrap().code(), Some(0));
     instance.assert_gone();
 }
+
+/// Simulated time does not wait for it.
+#[test]
+fn before_a_run_in_lockstep_it_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let daemon = Daemon::start("boxlock", &["--clock", "lockstep"]);
+    let name = daemon.instance.name.clone();
+    let command = ["record", "--last", "60s", "--instance", &name, "--out"];
+    let output = vservo().args(command).arg(folder.path()).output().unwrap();
+    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.code() == Some(2) && told.contains("without --last"), "{output:?}");
+    daemon.accepts("shutdown");
+    assert_eq!(daemon.ended().0, Some(0));
+}

@@ -11,7 +11,7 @@ use super::lifecycle::Request;
 use super::outcome::Finish;
 use super::safety::{Contact, Fault};
 use crate::drive::RobotReport;
-use crate::messages::{ControlState, JointState, MAX_JOINTS, Measurement, Status};
+use crate::messages::{ControlState, JointState, MAX_JOINTS, Measurement, Status, TraceMsg};
 use crate::motion::{ActingLimits, SpaceLimit};
 use crate::servo::MeasurementVerdict;
 use crate::time::{MonoNs, SpanNs};
@@ -146,6 +146,19 @@ impl FrameStamps {
     /// Those of `m`.
     #[must_use]
     pub fn of(m: &Measurement) -> Self {
+        Self {
+            frame_id: m.frame_id,
+            camera: m.camera,
+            exposure: m.exposure,
+            sent: m.frame_sent,
+            vision_start: m.vision_start,
+            vision_end: m.vision_end,
+        }
+    }
+
+    /// Those of the measurement that a tick took.
+    #[must_use]
+    pub fn of_record(m: &TraceMsg) -> Self {
         Self {
             frame_id: m.frame_id,
             camera: m.camera,

@@ -22,7 +22,7 @@ use tracing::{error, info, warn};
 
 /// Memory for frames, bytes. Chosen by hand: eight seconds of a VGA camera at 25 Hz whose noise does not compress.
 const ROOM_OF_FRAMES: usize = 64 << 20;
-/// Memory for everything else, bytes. Measured: a minute of an arm of four joints takes 32 MB.
+/// Memory for everything else, bytes. Measured: a minute of a UR5 takes 42 MB.
 const ROOM_OF_RECORDS: usize = 256 << 20;
 /// How long it goes on after a fault, so that the way to rest is in it. Chosen by hand: arms come to rest within a second.
 const AFTERWARDS: SpanNs = SpanNs(1_500_000_000);
@@ -77,18 +77,22 @@ pub fn keep_the_last(
         folder.display()
     );
     let mut files = Files { folder, about: about(config, instance), attached: all, writing: None };
-    let mut presence = Presence { instance, seen: false, next_look: start };
+    let mut presence = Presence::new(instance, start);
     let mut watch = FaultWatch::default();
     let mut block_end = start + MAX_CHUNK;
     loop {
         membership.beat();
-        let (is_stopped, is_over) = (stop.is_requested(), presence.is_over());
+        let is_stopped = stop.is_requested();
+        if is_stopped {
+            presence.next_look = now(); // whether control died is looked at once more
+        }
+        let is_over = presence.is_over();
         for track in &mut tracks {
             track.take_all()?;
         }
         let time = now();
         let state = tracks.iter().flat_map(KeptServices::taps).find_map(|tap| tap.run_state());
-        watch.look(state, instance.is_running(Role::Control), time);
+        watch.look(state, presence.has_control, time);
         let ends = is_stopped || is_over;
         let why =
             watch.due(time, ends).or((is_stopped && settings.writes_at_stop).then_some("it was asked to"));

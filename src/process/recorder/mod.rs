@@ -14,7 +14,7 @@ use crate::config::{Clock, Config};
 use crate::ipc::{Instance, Role};
 use crate::record::{FAILURE, RUN_FILE, RecordingWriter};
 use crate::rt::{now, unix_origin};
-use crate::time::SpanNs;
+use crate::time::{MonoNs, SpanNs};
 use disk::DiskQueue;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -118,7 +118,7 @@ pub fn run(
     writer.end_chunk()?;
     info!("recording to {}", path.display());
     let (start, pause) = (now(), if lockstep { LOCKSTEP_PAUSE } else { PAUSE });
-    let mut presence = Presence { instance, seen: false, next_look: start };
+    let mut presence = Presence::new(instance, start);
     let (mut chunk_end, mut asked_to_end) = (start + MAX_CHUNK, None);
     let failure = loop {
         membership.beat();
@@ -188,10 +188,16 @@ fn about(config: &Config, instance: &Instance) -> BTreeMap<String, String> {
 struct Presence<'a> {
     instance: &'a Instance,
     seen: bool,
-    next_look: crate::time::MonoNs,
+    next_look: MonoNs,
+    /// Whether control was there at the last look.
+    has_control: bool,
 }
 
-impl Presence<'_> {
+impl<'a> Presence<'a> {
+    fn new(instance: &'a Instance, time: MonoNs) -> Self {
+        Self { instance, seen: false, next_look: time, has_control: false }
+    }
+
     /// Somebody was there, and nobody is any more.
     fn is_over(&mut self) -> bool {
         let time = now();
@@ -199,7 +205,9 @@ impl Presence<'_> {
             return false;
         }
         self.next_look = time + PRESENCE_PERIOD;
-        let is_there = Role::all().any(|role| !role.only_records() && self.instance.is_running(role));
+        self.has_control = self.instance.is_running(Role::Control);
+        let is_there = self.has_control
+            || Role::all().any(|role| !role.only_records() && self.instance.is_running(role));
         self.seen |= is_there;
         self.seen && !is_there
     }

@@ -1,6 +1,7 @@
 //! The record of a tick as it is sent: a flat structure, in which enumerations are codes.
 
 use super::{CommandTrace, Event, Events, FrameStamps, LatencyStages, MeasurementRecord, Trace};
+use crate::control::lifecycle::Request;
 use crate::control::safety::Fault;
 use crate::messages::{ControlState, JointState, MAX_JOINTS, TRACE_LIMITS, TraceMsg, joint_flag, trace_flag};
 use crate::motion::{ActingLimits, Limit};
@@ -85,19 +86,14 @@ impl Trace {
         }
         let fault = Fault::from_code(m.fault);
         let mut events = Events::default();
-        for event in PLAIN_EVENTS.into_iter().chain(fault.map(Event::Fault)) {
-            if m.events >> event_number(event) & 1 == 1 {
-                events.push(event);
+        for event in events_of(m.events) {
+            match event {
+                Event::Fault(_) => fault.into_iter().for_each(|fault| events.push(Event::Fault(fault))),
+                Event::Requested(_) => {} // the record of the request tells it
+                other => events.push(other),
             }
         }
-        let frame = FrameStamps {
-            frame_id: m.frame_id,
-            camera: m.camera,
-            exposure: m.exposure,
-            sent: m.frame_sent,
-            vision_start: m.vision_start,
-            vision_end: m.vision_end,
-        };
+        let frame = FrameStamps::of_record(m);
         let measurement_record = has(trace_flag::MEASUREMENT).then(|| MeasurementRecord {
             frame,
             verdict: None,
@@ -159,52 +155,28 @@ fn verdict_code(verdict: MeasurementVerdict) -> u32 {
 
 /// The words of the events in [`TraceMsg::events`], in the order of their bits.
 pub fn event_words(events: u32) -> impl Iterator<Item = &'static str> {
-    let is_set = move |i: usize| events.checked_shr(i as u32).unwrap_or(0) & 1 == 1;
-    EVENT_WORDS.into_iter().enumerate().filter(move |(i, _)| is_set(*i)).map(|(_, word)| word)
+    events_of(events).map(Event::as_str)
 }
 
-/// [`Event::as_str`] by [`event_number`].
-const EVENT_WORDS: [&str; 27] = [
-    "holding",
-    "resumed",
-    "stopping",
-    "fault",
-    "stamp_from_future",
-    "inconsistent",
-    "degraded",
-    "whole_again",
-    "starts_elsewhere",
-    "taught",
-    "requested",
-    "goal_reached",
-    "impossible_pose",
-    "gain_reduced",
-    "returning",
-    "motion_over",
-    "goal_left",
-    "arrived",
-    "robot_ready",
-    "robot_not_cleared",
-    "velocity_ended",
-    "never_seen",
-    "searching",
-    "lost_again",
-    "first_view_missing",
-    "second_view_missing",
-    "both_views",
-];
+/// The events of a record, in the order of their bits; of faults and requests some one.
+fn events_of(events: u32) -> impl Iterator<Item = Event> {
+    let is_set = move |i: usize| events.checked_shr(i as u32).unwrap_or(0) & 1 == 1;
+    EVENTS.into_iter().enumerate().filter(move |(i, _)| is_set(*i)).map(|(_, event)| event)
+}
 
-/// Events that are told by their bit alone; which fault there was is in the record, and which request is in that of the request.
-const PLAIN_EVENTS: [Event; 25] = [
+/// The events by [`event_number`], each fault and each request by one of them: which it was is not in its bit.
+const EVENTS: [Event; 27] = [
     Event::Holding,
     Event::Resumed,
     Event::Stopping,
+    Event::Fault(Fault::TrackingError),
     Event::StampFromFuture,
     Event::Inconsistent,
     Event::Degraded,
     Event::WholeAgain,
     Event::StartsElsewhere,
     Event::Taught,
+    Event::Requested(Request::Start),
     Event::GoalReached,
     Event::ImpossiblePose,
     Event::GainReduced,
@@ -258,46 +230,15 @@ fn event_number(event: Event) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::control::lifecycle::Request;
     use crate::time::MonoNs;
 
     #[test]
     fn words_of_a_mask_are_those_of_its_events() {
-        use Event::*;
-        let all = [
-            Holding,
-            Resumed,
-            Stopping,
-            Fault(super::Fault::TrackingError),
-            StampFromFuture,
-            Inconsistent,
-            Degraded,
-            WholeAgain,
-            StartsElsewhere,
-            Taught,
-            Requested(Request::Start),
-            GoalReached,
-            ImpossiblePose,
-            GainReduced,
-            Returning,
-            MotionOver,
-            GoalLeft,
-            Arrived,
-            RobotReady,
-            RobotNotCleared,
-            VelocityEnded,
-            NeverSeen,
-            Searching,
-            LostAgain,
-            FirstViewMissing,
-            SecondViewMissing,
-            BothViews,
-        ];
-        for event in all {
-            let words: Vec<_> = event_words(1 << event_number(event)).collect();
-            assert_eq!(words, [event.as_str()]);
+        for (bit, event) in EVENTS.into_iter().enumerate() {
+            assert_eq!(event_number(event), bit as u32, "{event:?}");
+            assert_eq!(event_words(1 << bit).collect::<Vec<_>>(), [event.as_str()]);
         }
-        assert_eq!(event_words(u32::MAX).count(), all.len());
+        assert_eq!(event_words(u32::MAX).count(), EVENTS.len());
         assert_eq!(event_words(0b101).collect::<Vec<_>>(), ["holding", "stopping"]);
     }
 
@@ -327,9 +268,7 @@ mod tests {
         for (i, joints) in m.limits.iter_mut().enumerate().take(Limit::ALL.len()) {
             *joints = 1 << (i % 7);
         }
-        m.events = PLAIN_EVENTS.iter().fold(1 << 3, |bits, event| bits | 1 << event_number(*event));
-        // Of one tick as many as have room.
-        m.events &= 0b1111_1100;
+        m.events = 0b1111_1100; // of one tick as many as have room, a fault among them
         let again = Trace::of_record(&m, true).record();
         assert_eq!(format!("{again:?}"), format!("{m:?}"));
         let latency = Trace::of_record(&m, true).measurement_record.unwrap().latency.unwrap();
