@@ -20,6 +20,9 @@ const LOOK_AGAIN: Duration = Duration::from_millis(2);
 /// Where in the file stands how far its process has come: behind the sign of life, which needs so many bytes.
 const PROGRESS_AT: u64 = 8;
 
+/// The progress of control once its last tick is done: what it works out of the run afterwards takes its time.
+pub const TICKS_ARE_OVER: u64 = 1;
+
 /// The signs of life of this process; it holds the role as the lock does, because they share its file. Costs a look at the clock, and ten times a second a system call.
 #[derive(Debug)]
 pub struct Heartbeat {

@@ -44,7 +44,7 @@ pub use channel::Channel;
 pub use command::{Asked, CommandClient, CommandServer, Pending};
 pub use error::IpcError;
 pub use frame_shape::{FrameShape, SPACE_BESIDE_FRAMES_BYTES, SPACE_OF_MEASUREMENTS_BYTES};
-pub use heartbeat::Heartbeat;
+pub use heartbeat::{Heartbeat, TICKS_ARE_OVER};
 pub use image_ports::{ImagePorts, ImageSender, ReceivedImage};
 pub use instance::{Instance, InstanceError, RoleLock};
 pub use ports::{

@@ -8,7 +8,7 @@ use nalgebra::{Isometry3, Rotation3, SVector, Vector3};
 use std::ops::ControlFlow;
 use std::path::Path;
 use vservo::calibration::from_run::{
-    EndPose, RunCell, RunRefinement, RunRefinementError, RunViews, SeenView, end_pose, refine_from_run,
+    EndPose, RunCell, RunRefinement, RunRefinementError, RunViews, SeenView, fit_run,
 };
 use vservo::config::Config;
 use vservo::mission::FinalErrors;
@@ -47,8 +47,9 @@ fn refined(config: &Config) -> Result<(RunRefinement, EndPose, FinalErrors), Run
         })
         .unwrap();
         let cell = RunCell { robot: &robot, mount: &config.camera.mount, camera: &config.camera.model };
-        let end = end_pose(&cell, &run, (&q, config.set_point.X_DO().unwrap()))?;
-        refine_from_run(&cell, &run).map(|found| (found, end, ended.errors))
+        let fit = fit_run(&cell, &run)?;
+        let end = fit.end_pose((&q, config.set_point.X_DO().unwrap()));
+        fit.refinement().map(|found| (found, end, ended.errors))
     })
     .unwrap()
 }

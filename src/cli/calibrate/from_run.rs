@@ -2,7 +2,7 @@
 
 use super::super::{check_writable, json, shown, write_result};
 use super::CalibrateError;
-use crate::calibration::from_run::{RunCell, RunRefinement, RunViews, SeenPoint, SeenView, refine_from_run};
+use crate::calibration::from_run::{RunCell, RunRefinement, RunViews, SeenPoint, SeenView, fit_run};
 use crate::config::Config;
 use crate::control::outcome::Outcome;
 use crate::explain::RunEvidence;
@@ -100,7 +100,7 @@ fn refined<const N: usize>(
     let not_found = |e: crate::calibration::from_run::RunRefinementError| {
         CalibrateError::with_code(Outcome::NotConverged.exit_code(), format!("nothing was refined: {e}"))
     };
-    Ok(refine_from_run(&cell, &run).map_err(not_found))
+    Ok(fit_run(&cell, &run).and_then(|fit| fit.refinement()).map_err(not_found))
 }
 
 /// The joints and views of a recording.

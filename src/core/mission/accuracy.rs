@@ -7,8 +7,9 @@
 use super::model_error::drop_every_second;
 use super::{BelievedCell, DescriptionError};
 use crate::calibration::from_run::{
-    CONFIDENCE, NEW_PX, RunCell, RunRefinement, RunViews, SeenPoint, SeenView, end_pose, refine_from_run,
+    CONFIDENCE, NEW_PX, RunCell, RunRefinement, RunViews, SeenPoint, SeenView, fit_run,
 };
+use crate::geometry::Pose;
 use crate::messages::Measurement;
 use crate::robot::JointHistory;
 use crate::servo::SetPoint;
@@ -43,6 +44,16 @@ struct NearState<const N: usize> {
     time: MonoNs,
     q: SVector<f64, N>,
     qd: SVector<f64, N>,
+}
+
+/// What a run tells at its end of itself and its description.
+#[derive(Debug, Clone, Default)]
+pub struct Hindsight {
+    /// How near to its goal the run has ended; `None` before its end, of a goal that was taught, where the target or nothing moves, and where nothing explains what was seen.
+    pub accuracy: Option<Accuracy>,
+    /// The numbers of the description that joints and views contradict, the surest first: of lens, mount, stamps and the size of the target, of which a single image tells little or
+    /// nothing.
+    pub contradicted: Vec<DescriptionError>,
 }
 
 /// The views of a run since its last start. Memory is taken once.
@@ -86,32 +97,31 @@ impl<const N: usize> RunViewLog<N> {
         self.views.push(KeptView { m: *m, states });
     }
 
-    /// What the views tell of a run that ended with joints at `q`, rad or m, before `goal`; `None` of a goal that was taught, and where nothing explains the views.
-    pub(super) fn accuracy(
+    /// What the views tell of a run that ended before `goal` with joints at `q`, rad or m, where that is known. Nothing where nothing explains the views.
+    pub(super) fn hindsight(
         &self,
         believed: &BelievedCell<N>,
         goal: &SetPoint,
-        q: &SVector<f64, N>,
-    ) -> Option<Accuracy> {
-        let X_DO = goal.X_DO().filter(|_| goal.is_of_pose())?;
+        q: Option<&SVector<f64, N>>,
+    ) -> Hindsight {
         let run = self.run_views(goal);
-        let end = end_pose(&cell_of(believed), &run, (q, X_DO)).ok()?;
-        Some(Accuracy {
-            confidence: CONFIDENCE,
-            position_error_m: end.position_m,
-            orientation_error_rad: end.angle_rad,
-            position_bound_m: end.position_bound_m,
-            orientation_bound_rad: end.angle_bound_rad,
-            views: run.views.len(),
-            rms_px: end.rms_px,
-            narrowed_by: end.narrowed_by.map(|part| part.as_str().to_owned()),
-        })
-    }
-
-    /// The numbers of the description that the views contradict, the surest first: of lens, mount, stamps and the size of the target, of which a single image tells little or nothing.
-    pub(super) fn contradicted(&self, believed: &BelievedCell<N>, goal: &SetPoint) -> Vec<DescriptionError> {
-        let refined = refine_from_run(&cell_of(believed), &self.run_views(goal));
-        refined.map_or_else(|_| Vec::new(), |refined| differences(&refined))
+        let cell = RunCell { robot: &believed.robot, mount: &believed.mount, camera: &believed.camera };
+        let Ok(fit) = fit_run(&cell, &run) else { return Hindsight::default() };
+        let accuracy = |at: (&SVector<f64, N>, &Pose)| {
+            let end = fit.end_pose(at);
+            Accuracy {
+                confidence: CONFIDENCE,
+                position_error_m: end.position_m,
+                orientation_error_rad: end.angle_rad,
+                position_bound_m: end.position_bound_m,
+                orientation_bound_rad: end.angle_bound_rad,
+                views: run.views.len(),
+                rms_px: end.rms_px,
+                narrowed_by: end.narrowed_by.map(|part| part.as_str().to_owned()),
+            }
+        };
+        let contradicted = fit.refinement().map_or_else(|_| Vec::new(), |refined| differences(&refined));
+        Hindsight { accuracy: q.zip(goal.X_DO().filter(|_| goal.is_of_pose())).map(accuracy), contradicted }
     }
 
     fn run_views(&self, goal: &SetPoint) -> RunViews<N> {
@@ -129,10 +139,6 @@ impl<const N: usize> RunViewLog<N> {
         }
         run
     }
-}
-
-fn cell_of<const N: usize>(believed: &BelievedCell<N>) -> RunCell<'_, N> {
-    RunCell { robot: &believed.robot, mount: &believed.mount, camera: &believed.camera }
 }
 
 /// Farthest that a point of both has moved, px; infinite where they share none.

@@ -36,7 +36,7 @@ mod task;
 mod teaching;
 pub mod truth;
 
-pub use accuracy::{Accuracy, contradicted_text};
+pub use accuracy::{Accuracy, Hindsight, contradicted_text};
 pub use errors::{FinalErrors, MeasuredErrors};
 pub use goal_path::PathTracking;
 pub use lockstep::LockstepRun;

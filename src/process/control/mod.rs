@@ -36,9 +36,9 @@ use crate::config::{Clock, Task};
 use crate::control::outcome::{Finish, Outcome};
 use crate::control::trace::Trace;
 use crate::drive::{DriveProperties, ExternalDrive, StandstillDrive};
-use crate::ipc::{Instance, QuietSender, Receiver, Role, Sender, WakeListener};
+use crate::ipc::{Instance, QuietSender, Receiver, Role, Sender, TICKS_ARE_OVER, WakeListener};
 use crate::messages::{CameraId, JointState, Measurement, RequestMsg, Status, TraceMsg};
-use crate::mission::LockstepRun;
+use crate::mission::{Hindsight, LockstepRun};
 use crate::report::history::RunHistory;
 use crate::report::statistics::RunStatistics;
 use crate::report::summary::{
@@ -244,6 +244,7 @@ fn run_robot<const N: usize>(
         Clock::Lockstep => lockstep::run(config, control, &ports, (drive, commands), &mut listeners, &stops)?,
     };
     let wall = now() - start;
+    membership.tell_progress(TICKS_ARE_OVER);
     ports.farewell();
     let summary = membership.beat_during(LONGEST_FIT, || {
         let mut summary = summary(config, &control, &statistics, pace, wall);
@@ -312,6 +313,7 @@ fn summary<const N: usize>(
     wall: SpanNs,
 ) -> Summary {
     let LockstepRun { control, mission } = run;
+    let Hindsight { accuracy, contradicted } = mission.hindsight();
     let measurement_log = mission.measurements();
     let joint_control = control.controller().joint_control();
     let (rotors, joint_names) = (joint_control.rotors(), config.robot.joint_names());
@@ -344,8 +346,8 @@ fn summary<const N: usize>(
         late_drive_states: control.late_drive_states(),
         settling_time_s: statistics.settling_time_s(),
         final_errors: mission.final_errors(),
-        accuracy: mission.accuracy(),
-        contradicted: mission.contradicted(),
+        accuracy,
+        contradicted,
         latency_us: statistics.latencies(),
         tick_us: pace.tick_us,
         realtime: pace.realtime,

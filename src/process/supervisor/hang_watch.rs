@@ -5,10 +5,10 @@
 //! | sign of life | of | by |
 //! | --- | --- | --- |
 //! | its heartbeat, in the file of its role's lock | camera, vision, control | its main loop |
-//! | `control/status` goes on | control's real-time thread | its ticks, once they have begun |
+//! | `control/status` goes on | control's real-time thread | its ticks, from the first to the last |
 
 use crate::config::Clock;
-use crate::ipc::{Instance, Role};
+use crate::ipc::{Instance, Role, TICKS_ARE_OVER};
 use crate::messages::Status;
 use crate::process::silence::Silence;
 use crate::time::{MonoNs, SpanNs};
@@ -128,8 +128,11 @@ impl HangWatch {
             };
             hangs = heart.sign.judge(heart.role, "shows no sign of life", patience, now).or(hangs);
         }
-        // In lockstep control's ticks wait for camera and vision; then its heartbeat alone is a sign.
-        if self.clock == Clock::Realtime && self.ticks.last.is_some() {
+        // In lockstep control's ticks wait for camera and vision; then its heartbeat alone is a sign, as it is while control works out what the run has told.
+        let ticks = self.clock == Clock::Realtime
+            && self.ticks.last.is_some()
+            && self.instance.progress(Role::Control) != Some(TICKS_ARE_OVER);
+        if ticks {
             hangs = self.ticks.judge(Role::Control, "does not tick", ENDS_THE_RUN, now).or(hangs);
         }
         hangs
@@ -229,6 +232,28 @@ mod tests {
         watch.begin_anew(role, crate::rt::now());
         assert_eq!(look(&mut watch), 0);
         assert!(!watch.ended(role, crate::rt::now()), "it died before it joined");
+        drop(lock);
+        instance.remove_leftovers(None);
+    }
+
+    #[test]
+    fn ticks_are_waited_for_until_they_are_over() {
+        let instance: Instance = format!("u-ticks-{}", std::process::id()).parse().unwrap();
+        let lock = instance.lock(Role::Control).unwrap();
+        for (progress, silent_s) in [(0, Some(6)), (TICKS_ARE_OVER, None)] {
+            let mut time = crate::rt::now();
+            let mut watch = HangWatch::new(&instance, Clock::Realtime, Vec::new(), time);
+            watch.note(&Status::default(), time);
+            let hangs = (0..100).find_map(|_| {
+                time = time + PERIOD;
+                lock.heartbeat().unwrap().tell_progress(progress);
+                watch.look(time)
+            });
+            assert_eq!(
+                hangs.map(|(role, silent)| (role, silent.as_s() as i64)),
+                silent_s.map(|s| (Role::Control, s))
+            );
+        }
         drop(lock);
         instance.remove_leftovers(None);
     }

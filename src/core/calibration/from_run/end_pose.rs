@@ -7,10 +7,8 @@
 //! tells them in part, and the prior holds the rest: `e` has a mean, and a covariance by the derivative of `e`. The bound is the number that the length of such a random
 //! `e` stays below in [`CONFIDENCE`] of all cases.
 
-use super::problem::{RunFit, RunInformation, STEP, solved};
-use super::refinement::RunRefinementError;
+use super::problem::{RunFit, RunInformation, STEP};
 use super::unknowns::{MOUNT, RunUnknowns, SIZE, STAMPS, UNKNOWNS};
-use super::views::{RunCell, RunViews};
 use crate::geometry::Pose;
 use crate::linalg::{Random, symmetric_eigen};
 use nalgebra::{DMatrix, Matrix3, SMatrix, SVector, Vector3, Vector6};
@@ -77,17 +75,12 @@ pub struct EndPose {
     pub narrowed_by: Option<DescribedPart>,
 }
 
-/// The end of `run` in the posture `q`, rad or m, where the target should be at `X_DO` in the camera.
-///
-/// # Errors
-/// [`RunRefinementError`] when nothing was seen, or nothing explains it.
-pub fn end_pose<const N: usize>(
-    cell: &RunCell<'_, N>,
-    run: &RunViews<N>,
-    (q, X_DO): (&SVector<f64, N>, &Pose),
-) -> Result<EndPose, RunRefinementError> {
-    let (_, fit) = solved(cell, run)?;
-    Ok(EndPose::of(&fit, &|at| error_of(&(X_DO * fit.X_CO(cell, q, at).inverse()))))
+impl<const N: usize> RunFit<'_, N> {
+    /// The end of the run in the posture `q`, rad or m, where the target should be at `X_DO` in the camera.
+    #[must_use]
+    pub fn end_pose(&self, (q, X_DO): (&SVector<f64, N>, &Pose)) -> EndPose {
+        EndPose::of(self, &|at| error_of(&(X_DO * self.X_CO(q, at).inverse())))
+    }
 }
 
 /// Position and rotation vector of a displacement.
@@ -97,7 +90,7 @@ fn error_of(X_DC: &Pose) -> Vector6<f64> {
 }
 
 impl EndPose {
-    fn of(fit: &RunFit, error: &dyn Fn(&RunUnknowns) -> Vector6<f64>) -> Self {
+    fn of<const N: usize>(fit: &RunFit<'_, N>, error: &dyn Fn(&RunUnknowns) -> Vector6<f64>) -> Self {
         let mean = error(&fit.at);
         let G = SMatrix::<f64, 6, UNKNOWNS>::from_columns(&std::array::from_fn::<_, UNKNOWNS, _>(|k| {
             let mut there = fit.at;

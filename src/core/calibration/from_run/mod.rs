@@ -17,8 +17,8 @@ mod refinement;
 mod unknowns;
 mod views;
 
-pub use end_pose::{CONFIDENCE, DescribedPart, EndPose, end_pose};
-pub use problem::refine_from_run;
+pub use end_pose::{CONFIDENCE, DescribedPart, EndPose};
+pub use problem::{RunFit, fit_run};
 pub use refinement::{RefinedNumber, RunRefinement, RunRefinementError};
 pub(crate) use views::NEW_PX;
 pub use views::{RunCell, RunViews, SeenPoint, SeenView};

@@ -27,6 +27,9 @@ const ITERATIONS: usize = 60;
 const HALVINGS: u32 = 12;
 /// The step in standard deviations of the prior that ends the search. Chosen by hand: no estimate is that sure.
 const LAST_STEP: f64 = 1e-6;
+/// The fall of the cost that ends the search. The cost is half of a chi-square: what falls by so little each step is within some thousandths of a standard deviation of its end. Where
+/// lens and stamps can stand for each other the steps stay long for tens of iterations, which change nothing that is told.
+const LAST_FALL: f64 = 1e-6;
 /// Root mean square of what is left, px, beyond which nothing that is refined explains it. Chosen by hand: an arm whose flange is 3 mm from where its file says is off by
 /// so much half a metre before a usual lens, and points of a target that moved are off by hundreds.
 const MOST_RMS_PX: f64 = 5.0;
@@ -41,27 +44,10 @@ const SMALL_PX: f64 = 0.2;
 
 pub(super) type RunInformation = SMatrix<f64, UNKNOWNS, UNKNOWNS>;
 
-/// Refines what the run file tells of `cell` by what `run` has seen.
-///
-/// # Errors
-/// [`RunRefinementError`], each with what helps.
-pub fn refine_from_run<const N: usize>(
-    cell: &RunCell<'_, N>,
-    run: &RunViews<N>,
-) -> Result<RunRefinement, RunRefinementError> {
-    if run.views.len() < LEAST {
-        return Err(RunRefinementError::TooFewViews { found: run.views.len(), needed: LEAST });
-    }
-    let (problem, found) = solved(cell, run)?;
-    let lens = lens_of(cell.camera, &found.at).ok_or(RunRefinementError::NoFit)?;
-    let before = problem.best_pose_alone(&found.first).and_then(|at| problem.residuals(&found.first, &at));
-    let rms = (before.map_or(f64::NAN, |r| problem.rms_px(&r)), found.rms_px);
-    let views = (problem.views.len(), run.repeated);
-    Ok(RunRefinement::new(cell, (&found.at, &found.covariance), &lens, views, rms))
-}
-
 /// What fits a run best.
-pub(super) struct RunFit {
+pub struct RunFit<'a, const N: usize> {
+    problem: RunProblem<'a, N>,
+    repeated: usize,
     /// The pose of the target from which its unknowns count.
     pub(super) first: Pose,
     pub(super) at: RunUnknowns,
@@ -70,25 +56,40 @@ pub(super) struct RunFit {
     pub(super) rms_px: f64,
 }
 
-impl RunFit {
-    /// The target in the camera of `cell` with joints at `q`, for unknowns `at`.
-    pub(super) fn X_CO<const N: usize>(
-        &self,
-        cell: &RunCell<'_, N>,
-        q: &SVector<f64, N>,
-        at: &RunUnknowns,
-    ) -> Pose {
+impl<const N: usize> RunFit<'_, N> {
+    /// The target in the camera with joints at `q`, for unknowns `at`.
+    pub(super) fn X_CO(&self, q: &SVector<f64, N>, at: &RunUnknowns) -> Pose {
+        let cell = &self.problem.cell;
         mount_of(cell.mount, at).X_WC(cell.robot, q).inv_mul(&object_of(&self.first, at))
+    }
+
+    /// The description of the cell as the run has it.
+    ///
+    /// # Errors
+    /// [`RunRefinementError`] when there are too few views, or no lens is left.
+    pub fn refinement(&self) -> Result<RunRefinement, RunRefinementError> {
+        let (problem, cell) = (&self.problem, &self.problem.cell);
+        if problem.views.len() < LEAST {
+            return Err(RunRefinementError::TooFewViews { found: problem.views.len(), needed: LEAST });
+        }
+        let lens = lens_of(cell.camera, &self.at).ok_or(RunRefinementError::NoFit)?;
+        let before = problem.best_pose_alone(&self.first).and_then(|at| problem.residuals(&self.first, &at));
+        let rms = (before.map_or(f64::NAN, |r| problem.rms_px(&r)), self.rms_px);
+        let views = (problem.views.len(), self.repeated);
+        Ok(RunRefinement::new(cell, (&self.at, &self.covariance), &lens, views, rms))
     }
 }
 
 /// Fits all unknowns to what `run` has seen, be it a single view: what that does not tell stays as the prior has it.
-pub(super) fn solved<'a, const N: usize>(
+///
+/// # Errors
+/// [`RunRefinementError`] when nothing was seen, or nothing explains it.
+pub fn fit_run<'a, const N: usize>(
     cell: &RunCell<'a, N>,
     run: &'a RunViews<N>,
-) -> Result<(RunProblem<'a, N>, RunFit), RunRefinementError> {
+) -> Result<RunFit<'a, N>, RunRefinementError> {
     let problem = RunProblem { cell: *cell, track: &run.track, views: run.thinned() };
-    let first = problem.first_guess().ok_or(RunRefinementError::TooFewViews { found: 0, needed: 1 })?;
+    let first = problem.first_guess().ok_or(RunRefinementError::TooFewViews { found: 0, needed: LEAST })?;
     let mut at = RunUnknowns::zeros();
     let (mut spread, mut previous) = (1.0_f64, f64::INFINITY);
     let mut covariance = None;
@@ -114,7 +115,7 @@ pub(super) fn solved<'a, const N: usize>(
     if let Some(factors) = Ldlt::of(&H).filter(|_| spread > 1.0) {
         covariance = factors.inverse().into();
     }
-    Ok((problem, RunFit { first, at, covariance, rms_px }))
+    Ok(RunFit { problem, repeated: run.repeated, first, at, covariance, rms_px })
 }
 
 /// The target in the frame in which it rests.
@@ -233,14 +234,17 @@ impl<const N: usize> RunProblem<'_, N> {
             covariance = Some(RunInformation::from(factors.inverse()));
             let step = -RunUnknowns::from(factors.solve(&g.into()));
             let before = Self::cost(&residuals, &at, spread);
-            let better = |share: f64| {
+            let lower = |share: f64| {
                 let there = at + step * share;
-                self.residuals(first, &there).is_some_and(|r| Self::cost(&r, &there, spread) <= before)
+                let cost = self.residuals(first, &there).map(|r| Self::cost(&r, &there, spread))?;
+                (cost <= before).then_some((there, cost))
             };
-            let share = (0..HALVINGS).map(|k| 0.5_f64.powi(k as i32)).find(|share| better(*share));
-            let Some(share) = share else { break };
-            at += step * share;
-            if step.component_div(&RunUnknowns::from(PRIOR)).amax() < LAST_STEP {
+            let Some((there, cost)) = (0..HALVINGS).find_map(|k| lower(0.5_f64.powi(k as i32))) else {
+                break;
+            };
+            at = there;
+            let is_small = step.component_div(&RunUnknowns::from(PRIOR)).amax() < LAST_STEP;
+            if is_small || before - cost < LAST_FALL {
                 break;
             }
         }

@@ -95,7 +95,7 @@ fn what_is_refined_is_within_its_covariance() {
         let truth = drawn(&told, &mut random);
         let run = run(&truth, &told, 0.3, &mut random);
         let cell = RunCell { robot: &robot, mount: &told, camera: &lens };
-        let found = refine_from_run(&cell, &run).unwrap();
+        let found = fit_run(&cell, &run).and_then(|fit| fit.refinement()).unwrap();
         let chi = found
             .chi_square((&lens, &told), (&truth.camera, &truth.mount), truth.stamps_s, truth.size)
             .unwrap();
@@ -131,7 +131,7 @@ fn the_true_error_at_the_end_is_within_its_bound() {
             last.points.iter().map(|p| Correspondence3 { r: p.p_O, s: lens.normalized_of(&p.px) }).collect();
         let X_DO = refine_3d(&last.X_CO, &pairs, 0.0).unwrap().X_CO;
         let at_end = run.track.at(last.stamp, truth.stamps_s).unwrap().0;
-        let end = end_pose(&cell, &run, (&at_end, &X_DO)).unwrap();
+        let end = fit_run(&cell, &run).unwrap().end_pose((&at_end, &X_DO));
         let off = X_DO * last.X_CO.inverse();
         within[0] += u32::from(off.translation.vector.norm() <= end.position_bound_m);
         within[1] += u32::from(off.rotation.angle() <= end.angle_bound_rad);
@@ -145,7 +145,8 @@ fn the_true_error_at_the_end_is_within_its_bound() {
     // Half a metre before the target a prior alone of 10 % of the focal length and 5 % of the size would be 110 mm.
     bounds.sort_by(f64::total_cmp);
     assert!(bounds[bounds.len() / 2] < 0.02, "{bounds:?}");
-    let nothing = end_pose(&cell, &RunViews::default(), (&q, &Pose::identity()));
+    let empty = RunViews::default();
+    let nothing = fit_run(&cell, &empty).map(|fit| fit.end_pose((&q, &Pose::identity())));
     assert!(matches!(nothing, Err(RunRefinementError::TooFewViews { .. })), "{nothing:?}");
 }
 
@@ -159,7 +160,7 @@ fn a_wide_motion_shows_all_and_a_small_coarse_one_does_not() {
     let mut seen = |amplitude: f64, sd_px: f64| {
         let mut run = run(&truth, &told, amplitude, &mut random);
         run.views.iter_mut().flat_map(|view| &mut view.points).for_each(|point| point.sd_px = sd_px);
-        let found = refine_from_run(&cell, &run).unwrap();
+        let found = fit_run(&cell, &run).and_then(|fit| fit.refinement()).unwrap();
         (found.numbers.iter().filter(|n| n.is_seen).count(), found.to_text())
     };
     let (wide, text) = seen(0.3, NOISE_PX);
@@ -176,14 +177,14 @@ fn a_run_at_rest_and_another_arm_are_refused() {
     let (told, lens) = (mount(), camera());
     let truth = TrueCell { camera: lens, mount: told, stamps_s: 0.0, size: 1.0 };
     let cell = RunCell { robot: &robot, mount: &told, camera: &lens };
-    let rests = refine_from_run(&cell, &run(&truth, &told, 0.0, &mut random));
+    let rests = fit_run(&cell, &run(&truth, &told, 0.0, &mut random)).and_then(|fit| fit.refinement());
     assert!(matches!(rests, Err(RunRefinementError::TooFewViews { .. })), "{rests:?}");
     let mut moved = run(&truth, &told, 0.3, &mut random);
     let count = moved.views.len();
     for (i, view) in moved.views.iter_mut().enumerate() {
         view.points.iter_mut().for_each(|p| p.px.x += 200.0 * (i as f64 / count as f64 * 9.0).sin());
     }
-    let moved = refine_from_run(&cell, &moved);
+    let moved = fit_run(&cell, &moved).and_then(|fit| fit.refinement());
     assert!(matches!(moved, Err(RunRefinementError::Unexplained { .. })), "{moved:?}");
 }
 
@@ -206,7 +207,7 @@ fn a_target_that_was_pushed_is_no_certainty() {
                 .skip(half)
                 .flat_map(|view| &mut view.points)
                 .for_each(|p| p.px.x += push_px);
-            let Ok(found) = refine_from_run(&cell, &pushed) else {
+            let Ok(found) = fit_run(&cell, &pushed).and_then(|fit| fit.refinement()) else {
                 refused += 1;
                 continue;
             };

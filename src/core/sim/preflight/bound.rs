@@ -1,7 +1,7 @@
 //! Which error of the camera's pose a run to the goal may end with: by what its views on the straight way will tell of lens, mount, stamps and size.
 
 use super::CameraPath;
-use crate::calibration::from_run::{CONFIDENCE, RunCell, RunViews, SeenPoint, SeenView, end_pose};
+use crate::calibration::from_run::{CONFIDENCE, RunCell, RunViews, SeenPoint, SeenView, fit_run};
 use crate::config::Config;
 use crate::robot::Robot;
 use crate::time::{MonoNs, SpanNs};
@@ -57,7 +57,7 @@ impl BoundAhead {
             }
         }
         let cell = RunCell { robot, mount, camera };
-        let end = end_pose(&cell, &run, (postures.last()?, X_DO)).ok()?;
+        let end = fit_run(&cell, &run).ok()?.end_pose((postures.last()?, X_DO));
         Some(Self {
             confidence: CONFIDENCE,
             position_bound_m: end.position_bound_m,
