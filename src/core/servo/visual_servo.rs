@@ -51,6 +51,8 @@ struct LastMeasurement {
     task: Task,
     /// Pose of the camera at the exposure, in the frame W in which the object rests.
     X_WC: Pose,
+    /// The same at the first exposure that showed the features exactly there.
+    first_X_WC: Pose,
     /// Whether features were hidden.
     partial: bool,
     /// Whether features of it were predicted by the arm's motion, not measured.
@@ -267,9 +269,11 @@ impl<const N: usize> VisualServo<N> {
         if self.learner.is_some() {
             return self.learn_from((now, measurement), seen, (&q, &X_WC));
         }
-        if self.object.is_none() && has_noise(measurement) && self.is_frozen(&seen, &X_WC) {
+        let repeated = self.repeated(&seen).filter(|_| self.object.is_none() && has_noise(measurement));
+        if repeated.is_some_and(|before| self.would_have_changed(before, &seen, &X_WC)) {
             return MeasurementVerdict::NotNewer;
         }
+        let first_X_WC = repeated.map_or(X_WC, |before| before.first_X_WC);
         let partial = seen.is_partial();
         let by_motion = if partial && seen.X_CO().is_none() {
             self.completed_by_motion(&seen, exposure, &X_WC)
@@ -298,7 +302,7 @@ impl<const N: usize> VisualServo<N> {
         if self.object.is_none() && !supposed {
             self.agreement.note(exposure, &view, &X_WC, &self.goal);
         }
-        let last = LastMeasurement { exposure, view, task, X_WC, partial, supposed };
+        let last = LastMeasurement { exposure, view, task, X_WC, first_X_WC, partial, supposed };
         self.drift = self.unobserved_motion_until(&last, &q, robot);
         if !partial && view.X_CO().is_some() {
             self.whole = Some(last);

@@ -42,6 +42,7 @@ impl<const N: usize> VisualServo<N> {
             view,
             task: Task::Twist(nothing),
             X_WC: *X_WC,
+            first_X_WC: *X_WC,
             partial,
             supposed: false,
         };

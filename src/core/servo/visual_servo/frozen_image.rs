@@ -1,7 +1,7 @@
 //! An image that does not change while the camera moves: a camera that repeats one image under new stamps. Of objects that are known to move it is not looked for, since an arm that follows one
 //! well sees one image.
 
-use super::{View, VisualServo};
+use super::{LastMeasurement, View, VisualServo};
 use crate::geometry::Pose;
 use crate::messages::Measurement;
 use nalgebra::Vector2;
@@ -20,20 +20,22 @@ pub(super) fn has_noise(measurement: &Measurement) -> bool {
 }
 
 impl<const N: usize> VisualServo<N> {
-    /// Whether `seen`, with the camera at `X_WC`, shows exactly what was measured last, although the camera has moved since. It says nothing of where the object is
-    /// now; followed, it leads the arm away for as long as it lasts.
-    pub(super) fn is_frozen(&self, seen: &View, X_WC: &Pose) -> bool {
-        let Some(last) = self.last.as_ref().filter(|last| !last.supposed) else { return false };
+    /// The last measurement, where `seen` shows exactly the same.
+    pub(super) fn repeated(&self, seen: &View) -> Option<&LastMeasurement> {
+        let last = self.last.as_ref().filter(|last| !last.supposed)?;
         let before = last.view.features();
         let is_same = |(i, s): (usize, Vector2<f64>)| before.get(i).is_some_and(|b| (s - b).amax() <= SAME);
-        if seen.seen().count() < POINTS || !seen.seen().all(is_same) {
+        (seen.seen().count() >= POINTS && seen.seen().all(is_same)).then_some(last)
+    }
+
+    /// Whether the camera, now at `X_WC`, has moved so far since it first showed what `seen` repeats that it would show something else. Such an image says nothing of where the object is
+    /// now; followed, it leads the arm away for as long as it lasts. The motion counts from the first of a series: an arm that creeps moves too little from one to the next.
+    pub(super) fn would_have_changed(&self, before: &LastMeasurement, seen: &View, X_WC: &Pose) -> bool {
+        let Some(moved) = before.view.predicted_at(&X_WC.inv_mul(&before.first_X_WC), &self.goal) else {
             return false;
-        }
-        let moved = last.view.predicted_at(&X_WC.inv_mul(&last.X_WC), &self.goal);
+        };
         let far = |(i, s): (usize, Vector2<f64>)| {
-            moved
-                .and_then(|moved| moved.feature(i).copied())
-                .is_some_and(|at| (at - s).amax() > WOULD_BE_SEEN)
+            moved.feature(i).is_some_and(|at| (at - s).amax() > WOULD_BE_SEEN)
         };
         seen.seen().any(far)
     }

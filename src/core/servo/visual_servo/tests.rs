@@ -222,6 +222,25 @@ fn an_image_that_stays_while_the_camera_moves_is_not_newer() {
     assert!(s.add_measurement(now, &other, &robot).is_used());
 }
 
+/// Of a camera that repeats one image each step is too small to be seen; all together are not.
+#[test]
+fn an_image_that_stays_while_the_camera_creeps_is_not_newer() {
+    let robot = scara();
+    let mut s = servo(UpdatePolicy::Predict);
+    moved_to(&mut s, 0..=400);
+    let mut seen = seen_at(40);
+    seen.features.iter_mut().for_each(|feature| feature.sd_px = 0.05);
+    let mut verdicts = Vec::new();
+    for k in 0..80 {
+        seen.exposure = MonoNs((40 + 2 * k) * MS);
+        verdicts.push(s.add_measurement(MonoNs(400 * MS), &seen, &robot));
+    }
+    // By 2 ms the arm has moved by 0.4 mrad; 2 px are 2.5 mrad.
+    let used = verdicts.iter().take_while(|verdict| verdict.is_used()).count();
+    assert!((2..=20).contains(&used), "{used}");
+    assert!(verdicts[used..].iter().all(|verdict| *verdict == MeasurementVerdict::NotNewer), "{verdicts:?}");
+}
+
 #[test]
 fn the_way_back_leads_to_where_the_whole_target_was_seen() {
     let robot = scara();
