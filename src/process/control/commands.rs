@@ -23,6 +23,10 @@ use crate::time::MonoNs;
 use std::collections::VecDeque;
 use tracing::{Span, debug_span, info, warn};
 
+/// Requests of clients that are taken before the measurements, records and states of a drive that have come meanwhile: one of each client that there may be. Who asks faster
+/// than it is answered would keep the thread that carries all of these.
+const PER_PASS: u32 = 8;
+
 /// Commands that came, and those that wait for their answers.
 pub(super) struct Commands {
     server: CommandServer,
@@ -38,6 +42,8 @@ pub(super) struct Commands {
     failed: u64,
     /// Requests that were answered, of which there are records.
     answered: u64,
+    /// Requests of clients that this pass still takes.
+    left: u32,
     /// Time of the last tick, and how many were noted.
     noted: MonoNs,
     ticks: u64,
@@ -103,6 +109,7 @@ impl Commands {
             words_of: 0,
             failed: 0,
             answered: 0,
+            left: PER_PASS,
             noted: MonoNs::ZERO,
             ticks: 0,
         }
@@ -184,7 +191,12 @@ impl Commands {
         }
     }
 
-    /// The next request for the loop; everything else that has come is answered. A question for the state that carries a goal or a posture asks whether that would
+    /// Another pass of the thread that carries messages: it takes so many requests again.
+    pub(super) fn begin_pass(&mut self) {
+        self.left = PER_PASS;
+    }
+
+    /// The next request for the loop; everything else that has come is answered, as far as a pass goes. A question for the state that carries a goal or a posture asks whether that would
     /// be refused, which `examine` knows.
     pub(super) fn next(
         &mut self,
@@ -195,7 +207,9 @@ impl Commands {
             let command = asker.command();
             return Some(self.wait_for(asker, request, command));
         }
-        while let Some(asked) = self.take() {
+        while self.left > 0 {
+            let asked = self.take()?;
+            self.left -= 1;
             let command = asked.command();
             let refusal = match ParsedCommand::of(&command) {
                 ParsedCommand::State => examine(&command).err().map_or(0, |refusal| refusal as u32),
@@ -225,6 +239,7 @@ impl Commands {
             0 => Ok(()),
             _ => Err(Refusal::NotReady),
         };
+        self.begin_pass();
         while let Some(ClientRequest { number, request, .. }) = self.next(examine) {
             let refusal = stops.early(request).err();
             // Nobody records yet.
@@ -315,6 +330,8 @@ fn forget_fault(standing: &mut ControlAnswer) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::ipc::{Instance, Services};
+    use std::cell::{Cell, RefCell};
 
     #[test]
     fn an_answer_has_no_fault_that_was_reset() {
@@ -326,6 +343,33 @@ mod tests {
         };
         assert_eq!(fault(ControlState::Fault), (15, 2));
         assert_eq!(fault(ControlState::Idle), (0, 0));
+    }
+
+    /// Two that ask in turn, each while the other is answered.
+    #[test]
+    fn who_asks_without_a_pause_ends_the_pass() {
+        let instance: Instance = format!("u-flood-{}", std::process::id()).parse().unwrap();
+        let services = Services::join(&instance).unwrap();
+        let mut commands = Commands::new(services.command_server().unwrap(), false);
+        let clients = [services.command_client().unwrap(), services.command_client().unwrap()];
+        let question = ControlCommand::of(0);
+        let waits = RefCell::new(VecDeque::from([clients[0].ask(question).unwrap()]));
+        let asked = Cell::new(1);
+        let examine = |_: &ControlCommand| {
+            assert!(asked.get() < 1000, "the pass has no end");
+            let mut waits = waits.borrow_mut();
+            if waits.len() > 1 {
+                waits.pop_front(); // answered
+            }
+            waits.push_back(clients[asked.replace(asked.get() + 1) % 2].ask(question).unwrap());
+            Ok(())
+        };
+        assert!(commands.next(examine).is_none());
+        assert_eq!(asked.get(), 1 + PER_PASS as usize);
+        commands.begin_pass();
+        assert!(commands.next(examine).is_none());
+        assert_eq!(asked.get(), 1 + 2 * PER_PASS as usize);
+        instance.remove_leftovers(None);
     }
 
     #[test]

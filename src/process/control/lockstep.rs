@@ -122,6 +122,7 @@ pub(super) fn run<const N: usize>(
         if broken.is_some() {
             control.stop(STOP_REASON);
         }
+        commands.begin_pass();
         while let Some(ClientRequest { number, request, command }) =
             commands.next(|command| control.mission.examine(command))
         {

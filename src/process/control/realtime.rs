@@ -237,6 +237,7 @@ impl<const N: usize> Companion<'_, N> {
         while let Ok(answered) = self.answered.pop() {
             told = told.and(self.answer(&answered));
         }
+        self.commands.begin_pass();
         while self.asked.slots() > 0 {
             // The mission's orders first: what they are about is older.
             let asking = match self.mission.next_order() {
