@@ -171,6 +171,24 @@ fn a_dead_motor_is_not_made_up_for_by_the_others() {
     }
 }
 
+/// From where an image freezes near the goal, where the arm moves too little from one frame to the next to contradict it, it is followed no farther than some millimetres. Before, arms
+/// crept on by 6 to 161 mm in these runs.
+#[test]
+fn an_image_that_freezes_near_the_goal_leads_no_arm_away() {
+    for arm in ["ur5", "panda", "xarm7", "scara-b"] {
+        for from_s in [0.7, 0.9, 1.0, 1.2] {
+            let fault = format!("faults=[{{kind=\"freeze\",from_s={from_s},duration_s=100.0}}]");
+            let set = named(&[&fault, "run.clock=lockstep", "run.duration_s=10"]);
+            let config = Config::load(Some(Path::new(arm)), &set).unwrap();
+            let run = simulate_system(&config, &mut |_| Continue(())).unwrap();
+            let off_mm = 1e3 * run.errors.position_error_m.unwrap();
+            assert!(off_mm < 3.0, "{arm}, frozen from {from_s} s: {off_mm} mm off the goal");
+            let reason = run.finish.reason;
+            assert!(reason.contains("had come before"), "{arm}, frozen from {from_s} s: {reason}");
+        }
+    }
+}
+
 #[test]
 fn before_its_time_a_fault_changes_not_one_bit() {
     let without = states(&[], 400);
