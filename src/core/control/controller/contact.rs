@@ -125,10 +125,12 @@ impl<const N: usize> Controller<N> {
     }
 
     /// Whether disturbances are learnt on in a fault. An arm that moves on is not held by what was learnt before; what pressed against something is, and what the robot's
-    /// own brakes hold. What pushes an arm is no property of it: learnt, it would drive the arm on when the push ends; nor is what moves one that each joint brakes by itself.
-    pub(super) fn learns_in_fault(&self) -> bool {
+    /// own brakes hold. What pushes an arm is no property of it: learnt, it would drive the arm on when the push ends; nor is what moves one that each joint brakes by itself. What sinks
+    /// on when nothing pushes any more has a load that nobody told, and is held; but what is to be moved by hand.
+    pub(super) fn learns_in_fault(&self, now: MonoNs) -> bool {
         let is_held = self.fault.is_some_and(Fault::is_of_robot) || self.rest_watch.is_at_rest();
-        let is_pushed = self.fault == Some(Fault::Contact) || self.joint_control.brakes_by_joint();
+        let touches = self.fault == Some(Fault::Contact) && (self.floats() || !self.is_let_go(now));
+        let is_pushed = touches || self.joint_control.brakes_by_joint();
         !is_pushed && (self.joint_control.damps() || !is_held)
     }
 

@@ -423,7 +423,7 @@ impl<const N: usize> Controller<N> {
                 self.joint_control.damp(qd.amax() > SLOW || self.floats());
                 self.choose_brake(now, (&state.q, qd), (is_wild, is_overdue));
             }
-            self.joint_control.learn_in_fault(self.learns_in_fault());
+            self.joint_control.learn_in_fault(self.learns_in_fault(now));
             return None;
         }
         let behind = self.watch.follow(&state.q, &motion.way);

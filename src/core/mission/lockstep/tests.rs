@@ -169,3 +169,48 @@ fn an_arm_that_a_push_has_made_too_fast_comes_to_rest() {
     }
     assert!(fastest > 30.0, "none was flung: {fastest} rad/s");
 }
+
+/// An arm with a load that nobody told and that is not learnt yet, which a push of a tenth of a second stops: it is held in the end, and sinks by no more than until it is learnt.
+#[test]
+fn an_untold_load_is_held_after_a_contact() {
+    for (arm, payload_kg, force_n, from_s) in [
+        ("ur5", 0.5, 50, 0.6),
+        ("ur5", 1.0, 150, 0.6),
+        ("panda", 0.5, 80, 0.6),
+        ("panda", 3.0, 150, 0.6),
+        ("panda", 1.0, 150, 4.0),
+        ("scara-b", 1.0, 150, 0.8),
+        ("scara-b", 2.0, 150, 0.8),
+    ] {
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../config/{arm}.toml"));
+        let until_s = from_s + 0.1;
+        let set = [
+            format!("drive.simulated.payload_kg={payload_kg}"),
+            format!(
+                "drive.simulated.push={{force_n=[{force_n}.0,0.0,0.0],from_s={from_s},until_s={until_s}}}"
+            ),
+            "run.duration_s=12".to_owned(),
+        ];
+        let config = Config::load(Some(&path), &set).unwrap();
+        let (mut fault, mut last, mut let_go, mut at) = (None, f64::NAN, None, None);
+        simulate_system(&config, &mut |moment| {
+            if let Moment::Tick(trace, _) = moment {
+                fault = fault.or(trace.fault);
+                let js = &trace.joint_state;
+                if fault.is_some() && js.stamp.0 as f64 * 1e-9 > until_s + 0.3 {
+                    let_go.get_or_insert(js.q_true);
+                }
+                at = Some(js.q_true);
+                last = js.qd_true.iter().fold(0.0, |most: f64, qd| most.max(qd.abs()));
+            }
+            ControlFlow::Continue(())
+        })
+        .unwrap();
+        let sunk = let_go.zip(at).map_or(0.0, |(from, to)| {
+            from.iter().zip(to).fold(0.0, |most: f64, (a, b)| most.max((a - b).abs()))
+        });
+        assert_eq!(fault, Some(Fault::Contact), "{arm} {payload_kg} kg, {force_n} N");
+        assert!(last < 0.02, "{arm} {payload_kg} kg, {force_n} N: {last} rad/s or m/s");
+        assert!(sunk < 0.1, "{arm} {payload_kg} kg, {force_n} N: {sunk} rad or m");
+    }
+}
