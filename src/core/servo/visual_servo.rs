@@ -28,7 +28,6 @@ use crate::messages::{Measurement, TargetStatus};
 use crate::robot::{CameraJacobian, JointHistory, Robot};
 use crate::time::{MonoNs, SpanNs};
 use covariance::{covariance_in, stated_covariance};
-use frozen_image::has_noise;
 use nalgebra::{Matrix6, SVector, Vector6};
 pub use target_change::MAX_TARGETS;
 use target_change::{MISSES, SeenWhole, centre};
@@ -269,11 +268,9 @@ impl<const N: usize> VisualServo<N> {
         if self.learner.is_some() {
             return self.learn_from((now, measurement), seen, (&q, &X_WC));
         }
-        let repeated = self.repeated(&seen).filter(|_| self.object.is_none() && has_noise(measurement));
-        if repeated.is_some_and(|before| self.would_have_changed(before, &seen, &X_WC)) {
+        let Some(first_X_WC) = self.first_shown_from(measurement, &seen, &X_WC) else {
             return MeasurementVerdict::NotNewer;
-        }
-        let first_X_WC = repeated.map_or(X_WC, |before| before.first_X_WC);
+        };
         let partial = seen.is_partial();
         let by_motion = if partial && seen.X_CO().is_none() {
             self.completed_by_motion(&seen, exposure, &X_WC)

@@ -26,6 +26,10 @@ const GIVES_UP: SpanNs = SpanNs(1_000_000_000);
 /// Time without a touch after which nothing acts on the arm any more. Derived: in which the observer of external torques forgets what it told.
 const LET_GO: SpanNs = SpanNs(SETTLES as i64 * TICK.0);
 
+/// Time without a touch after which an arm that a push has moved has braked; one that moves on sinks. Chosen by hand: arms that were pushed by 30 to 70 N rest after 0.1 to 0.25 s, and what is
+/// learnt of that motion would drive them on.
+const BRAKED: SpanNs = SpanNs(300_000_000);
+
 /// The way back from a contact.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct WayBack<const N: usize> {
@@ -129,7 +133,9 @@ impl<const N: usize> Controller<N> {
     /// on when nothing pushes any more has a load that nobody told, and is held; but what is to be moved by hand.
     pub(super) fn learns_in_fault(&self, now: MonoNs) -> bool {
         let is_held = self.fault.is_some_and(Fault::is_of_robot) || self.rest_watch.is_at_rest();
-        let touches = self.fault == Some(Fault::Contact) && (self.floats() || !self.is_let_go(now));
+        let sinks =
+            !self.floats() && self.back.is_none() && self.touched_at.is_none_or(|at| now - at > BRAKED);
+        let touches = self.fault == Some(Fault::Contact) && !sinks;
         let is_pushed = touches || self.joint_control.brakes_by_joint();
         !is_pushed && (self.joint_control.damps() || !is_held)
     }
