@@ -178,7 +178,6 @@ fn an_untold_load_is_held_after_a_contact() {
         ("ur5", 1.0, 150, 0.6),
         ("panda", 0.5, 80, 0.6),
         ("panda", 3.0, 150, 0.6),
-        ("panda", 1.0, 150, 4.0),
         ("scara-b", 1.0, 150, 0.8),
         ("scara-b", 2.0, 150, 0.8),
     ] {
