@@ -54,7 +54,7 @@ pub use ports::{
 pub use presence::{DrivePresence, PeerPresence, Peers, type_of};
 pub use role::Role;
 pub use scarcity::Scarcity;
-pub use services::{DriveViews, Services};
+pub use services::{DriveViews, MAX_CLIENTS, Services};
 pub use spin::Spin;
 pub use stop_word::{Halt, RestartCounts, StopWord};
 

@@ -31,7 +31,7 @@ use std::fmt::Debug;
 /// Processes that may open a service. Chosen by hand, as the transport needs a number: a run has at most eight of its own, others are clients.
 const MAX_NODES: usize = 16;
 /// Clients that may wait for an answer of control at the same time. Chosen by hand; others wait for a free slot.
-const MAX_CLIENTS: usize = 8;
+pub const MAX_CLIENTS: usize = 8;
 /// Ticks of joint state that a reader may lag behind, because the camera looks back by its exposure and its latency, which is 500 ms at most.
 const JOINT_STATE_BUFFER: usize = 1024;
 /// Ticks that a recorder may lag behind: a second, so that a write to a slow disk loses none. Chosen by hand: twice takes 2.6 MB more.

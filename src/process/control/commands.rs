@@ -13,7 +13,7 @@ use super::stops::Stops;
 use crate::control::lifecycle::{Refusal, Request};
 use crate::control::safety::ContactNumbers;
 use crate::control::trace::Trace;
-use crate::ipc::{Asked, CommandServer};
+use crate::ipc::{Asked, CommandServer, MAX_CLIENTS};
 use crate::messages::{
     ControlAnswer, ControlCommand, ControlState, DRIVE_TEXT_BYTES, DriveTextMsg, MAX_JOINTS, RequestMsg,
     Status, answer_flag,
@@ -22,10 +22,6 @@ use crate::mission::Mission;
 use crate::time::MonoNs;
 use std::collections::VecDeque;
 use tracing::{Span, debug_span, info, warn};
-
-/// Requests of clients that are taken before the measurements, records and states of a drive that have come meanwhile: one of each client that there may be. Who asks faster
-/// than it is answered would keep the thread that carries all of these.
-const PER_PASS: u32 = 8;
 
 /// Commands that came, and those that wait for their answers.
 pub(super) struct Commands {
@@ -42,8 +38,9 @@ pub(super) struct Commands {
     failed: u64,
     /// Requests that were answered, of which there are records.
     answered: u64,
-    /// Requests of clients that this pass still takes.
-    left: u32,
+    /// Requests of clients that this pass still takes, at first one of each client that there may be: who asks faster than it is answered would keep the thread that carries
+    /// measurements, records and the states of a drive, too.
+    left: usize,
     /// Time of the last tick, and how many were noted.
     noted: MonoNs,
     ticks: u64,
@@ -109,7 +106,7 @@ impl Commands {
             words_of: 0,
             failed: 0,
             answered: 0,
-            left: PER_PASS,
+            left: MAX_CLIENTS,
             noted: MonoNs::ZERO,
             ticks: 0,
         }
@@ -193,7 +190,7 @@ impl Commands {
 
     /// Another pass of the thread that carries messages: it takes so many requests again.
     pub(super) fn begin_pass(&mut self) {
-        self.left = PER_PASS;
+        self.left = MAX_CLIENTS;
     }
 
     /// The next request for the loop; everything else that has come is answered, as far as a pass goes. A question for the state that carries a goal or a posture asks whether that would
@@ -365,10 +362,10 @@ mod tests {
             Ok(())
         };
         assert!(commands.next(examine).is_none());
-        assert_eq!(asked.get(), 1 + PER_PASS as usize);
+        assert_eq!(asked.get(), 1 + MAX_CLIENTS);
         commands.begin_pass();
         assert!(commands.next(examine).is_none());
-        assert_eq!(asked.get(), 1 + 2 * PER_PASS as usize);
+        assert_eq!(asked.get(), 1 + 2 * MAX_CLIENTS);
         instance.remove_leftovers(None);
     }
 

@@ -27,8 +27,7 @@ const ITERATIONS: usize = 60;
 const HALVINGS: u32 = 12;
 /// The step in standard deviations of the prior that ends the search. Chosen by hand: no estimate is that sure.
 const LAST_STEP: f64 = 1e-6;
-/// The fall of the cost that ends the search. The cost is half of a chi-square: what falls by so little each step is within some thousandths of a standard deviation of its end. Where
-/// lens and stamps can stand for each other the steps stay long for tens of iterations, which change nothing that is told.
+/// The fall of the cost that ends the search. Chosen by hand: the cost is half of a chi-square, so that a step that lowers it by so little is a thousandth of a standard deviation long.
 const LAST_FALL: f64 = 1e-6;
 /// Root mean square of what is left, px, beyond which nothing that is refined explains it. Chosen by hand: an arm whose flange is 3 mm from where its file says is off by
 /// so much half a metre before a usual lens, and points of a target that moved are off by hundreds.
