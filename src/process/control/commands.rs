@@ -366,6 +366,8 @@ mod tests {
         commands.begin_pass();
         assert!(commands.next(examine).is_none());
         assert_eq!(asked.get(), 1 + 2 * MAX_CLIENTS);
+        // Nothing is removed while somebody is there.
+        drop((waits, clients, commands, services));
         instance.remove_leftovers(None);
     }
 
