@@ -54,6 +54,8 @@ pub struct ControlLoop<const N: usize> {
     /// What the drive told of its robot at this tick, and since when a reset waits for that.
     robot: RobotReport,
     clears_since: Option<MonoNs>,
+    /// Whether an arm in a fault should be at rest, and moves on.
+    is_restless: bool,
     /// What came from outside since the last tick: bits of [`trace_flag`], and orders in all.
     inputs: u32,
     orders: u32,
@@ -78,6 +80,7 @@ impl<const N: usize> ControlLoop<N> {
             unknown: None,
             robot: RobotReport::default(),
             clears_since: None,
+            is_restless: false,
             inputs: 0,
             orders: 0,
         }
@@ -135,6 +138,7 @@ impl<const N: usize> ControlLoop<N> {
         self.command = output.command;
         self.ticks += 1;
         output.events.iter().for_each(|event| self.events.push(event));
+        self.tell_restless(output.state);
         // In lockstep there are no more states when the drive does not answer, so that it makes no sense to wait for the arm to come to rest.
         let is_cut_off = !self.settings.one_clock && matches!(output.fault, Some(Fault::Drive(_)));
         let is_cut_off = is_cut_off && (self.ends || !self.settings.served);
@@ -201,6 +205,17 @@ impl<const N: usize> ControlLoop<N> {
                 false
             }
         }
+    }
+
+    /// Tells in a fault of a loop that goes on that the arm should be at rest, and moves.
+    fn tell_restless(&mut self, state: State) {
+        let is_left_alone = self.ends || self.controller.floats(); // one that floats is led by hand
+        let should_stand = matches!(state, State::Failing | State::Fault) && !is_left_alone;
+        let moves_on = should_stand && self.controller.rest() == Rest::Restless;
+        if moves_on && !self.is_restless {
+            self.events.push(Event::StillMoves);
+        }
+        self.is_restless = moves_on;
     }
 
     /// This is the last tick although the arm is not known to stand: tells so.

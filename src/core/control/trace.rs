@@ -242,6 +242,8 @@ pub enum Event {
     SecondViewMissing,
     /// Both see their targets again.
     BothViews,
+    /// An arm in a fault should be at rest, and moves on.
+    StillMoves,
 }
 
 impl Event {
@@ -276,6 +278,7 @@ impl Event {
             Self::FirstViewMissing => "first_view_missing",
             Self::SecondViewMissing => "second_view_missing",
             Self::BothViews => "both_views",
+            Self::StillMoves => "still_moves",
         }
     }
 }

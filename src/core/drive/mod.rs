@@ -46,7 +46,7 @@ pub use recorded::{NextState, RecordedDrive, RecordedMotion};
 pub use simulated::{SimulatedDrive, SimulatedDriveError, SimulatedDriveSettings};
 pub use standstill::StandstillDrive;
 pub use surroundings::{Jam, Push, Surroundings, Wall};
-pub use timing::DriveTiming;
+pub use timing::{DriveTiming, RepeatedStates};
 pub use torque_contents::TorqueContents;
 
 use crate::messages::RobotState;

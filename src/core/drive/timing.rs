@@ -6,7 +6,9 @@
 //! ```
 //! It is fed once a tick, and read by everything that supervises the arm: how many ticks a state is old, and from when on that is more than a slower drive's own period.
 
+use super::DriveState;
 use crate::time::{SpanNs, TICK};
+use nalgebra::SVector;
 
 /// Old states in a row that the slowest drive has, of 125 Hz: derived, a state in 8 ms.
 const SLOWEST: u32 = 7;
@@ -87,9 +89,59 @@ impl DriveTiming {
     }
 }
 
+/// Tells a state that a drive sends once more as if it were new: of an arm that moves by more than its encoders resolve it is the one before to the bit.
+#[derive(Debug, Clone, Copy)]
+pub struct RepeatedStates<const N: usize> {
+    last: DriveState<N>,
+    in_row: u32,
+}
+
+impl<const N: usize> Default for RepeatedStates<N> {
+    fn default() -> Self {
+        let nothing = SVector::zeros();
+        Self { last: DriveState { q: nothing, qd: nothing, truth: None }, in_row: 0 }
+    }
+}
+
+impl<const N: usize> RepeatedStates<N> {
+    /// Displacement within a tick below which a state may come again, rad or m. Derived: a thousandth of what the supervision of the joints tells from noise.
+    const LEAST_WAY: f64 = 1e-6;
+
+    /// A tick, with the state of the drive, whose encoders have steps up to `step`, rad or m; whether it came before. A drive that goes on with it is not: its state is what is
+    /// believed, and judged, from the slowest drive's period on.
+    pub fn note(&mut self, state: &DriveState<N>, step: f64) -> bool {
+        let way = state.qd.amax() * TICK.as_s();
+        let is_same = state.q == self.last.q && state.qd == self.last.qd;
+        if is_same && way > Self::LEAST_WAY.max(2.0 * step) {
+            self.in_row = self.in_row.saturating_add(1);
+            return self.in_row <= SLOWEST;
+        }
+        *self = Self { last: *state, in_row: 0 };
+        false
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::Vector2;
+
+    #[test]
+    fn a_state_that_comes_again_while_the_arm_moves_is_old() {
+        let state =
+            |q: f64, qd: f64| DriveState { q: Vector2::new(q, 1.0), qd: Vector2::new(qd, 0.0), truth: None };
+        let told = |states: &[(f64, f64)], step: f64| {
+            let mut repeats = RepeatedStates::<2>::default();
+            states.iter().map(|(q, qd)| repeats.note(&state(*q, *qd), step)).collect::<Vec<_>>()
+        };
+        let moves = [(0.1, 1.0), (0.1, 1.0), (0.101, 1.0), (0.101, 1.1), (0.101, 1.1)];
+        assert_eq!(told(&moves, 0.0), [false, true, false, false, true]);
+        assert_eq!(told(&moves, 6e-4), [false; 5], "the encoder has the same value while the arm moves");
+        assert_eq!(told(&[(0.1, 0.0); 9], 0.0), [false; 9], "it stands");
+        let hangs = told(&[(0.1, 1.0); 20], 0.0);
+        assert_eq!(hangs.iter().filter(|old| **old).count(), 7);
+        assert!(!hangs[0] && hangs[7] && !hangs[8], "what goes on with one state is judged by it");
+    }
 
     /// After the ticks of `states`: `n` a new state, `o` an old one.
     fn after(states: &str) -> DriveTiming {

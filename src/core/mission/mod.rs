@@ -54,7 +54,7 @@ use crate::control::safety::{Fault, RestWatch};
 use crate::control::trace::{Event, Trace};
 use crate::drive::DriveState;
 use crate::messages::{ControlState, JointState, Measurement, frame_flag, joint_flag, trace_flag};
-use crate::motion::{ActingLimits, SpaceLimit, Workspace};
+use crate::motion::{ActingLimits, Limit, SpaceLimit, Workspace};
 use crate::servo::{MeasurementVerdict, SetPoint, View};
 use crate::time::MonoNs;
 use accuracy::RunViewLog;
@@ -192,6 +192,8 @@ impl<const N: usize> Mission<N> {
         if trace.held_by.is_some_and(SpaceLimit::is_of_places) {
             self.held_off = Some(now);
         }
+        let slows = trace.held_by.is_some_and(|limit| !limit.is_of_places());
+        self.residual.note_speed(slows || trace.limits.joints(Limit::Velocity) != 0);
         if let Some(views) = &mut self.views {
             views.note_arm(js.stamp, &vector(&js.q), &vector(&js.qd));
         }

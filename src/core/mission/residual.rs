@@ -91,6 +91,15 @@ const BEHIND_OBJECT: &str = "the arm follows the object, and the error does not 
                                  let images come sooner, or allow for the error (goal.feature_error_px). Of an object that rests: lower servo.gain_1_s, or see \
                                  whether load, friction and delay of the arm are far from its model";
 
+/// The same where a limit of the arm's speed acts.
+const TOO_SLOW_FOR_OBJECT: &str = "the arm follows the object, and the error does not fall below goal.feature_error_px: a limit of the arm's speed acts                                    (the summary names it, safety.held_by, safety.limited_ticks); raise workspace.camera_speed_m_s, camera_turn_rad_s or flange_speed_m_s where they hold it, \
+                                   let the object be slower, or allow for the error (goal.feature_error_px)";
+
+/// The share of ticks in which limits of speed act from which on they are what an arm is behind an object by, and over how many ticks it is counted. Chosen by hand: of a swing to and
+/// fro, two thirds of a period are fast; one second is more than the arms need to catch up.
+const OFTEN: f64 = 0.3;
+const OFTEN_TICKS: f64 = 1000.0;
+
 /// Largest share of K_s e_s that motions of the camera still change at a local minimum, and largest share of the feature error
 /// by which what is seen may differ from an image of the target. Chosen, with room on
 /// both sides: a UR5 that creeps into such a minimum at a fifth of its gain is at 0.14 of the first, and at 1e-4 of the second; an arm of four
@@ -176,9 +185,16 @@ pub struct ResidualWatch {
     means: [Option<f64>; 2],
     /// The present spell: its begin, the sum of its errors, px, and their number.
     spell: Option<(MonoNs, f64, u32)>,
+    /// The share of the last ticks in which a limit of speed acted.
+    slowed: f64,
 }
 
 impl ResidualWatch {
+    /// Notes at each tick whether a limit of the arm's speed acts, of a joint or in space.
+    pub fn note_speed(&mut self, is_limited: bool) {
+        self.slowed += (f64::from(u8::from(is_limited)) - self.slowed) / OFTEN_TICKS;
+    }
+
     /// Notes whether the arm is at rest at the tick `now`.
     pub fn note_arm(&mut self, now: MonoNs, at_rest: bool) {
         self.now = now;
@@ -233,8 +249,9 @@ impl ResidualWatch {
     pub(super) fn why_no_nearer(&self, goal_px: f64, follows: bool, law: &Law) -> Option<&'static str> {
         let falls = matches!(self.means, [Some(before), Some(after)] if after > FAR * goal_px && after < (1.0 - FALLING_SHARE) * before);
         let why = match (follows, law.is_torque()) {
-            (true, _) => BEHIND_OBJECT,
             _ if falls => ON_ITS_WAY,
+            (true, _) if self.slowed > OFTEN => TOO_SLOW_FOR_OBJECT,
+            (true, _) => BEHIND_OBJECT,
             (_, true) => NO_NEARER_BY_TORQUES,
             _ => NO_NEARER,
         };
@@ -297,19 +314,23 @@ mod tests {
                 std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../config/{name}.toml"));
             crate::config::Config::load(Some(&path), &[]).unwrap().servo.law
         });
-        let why = |error_px: &dyn Fn(f64) -> f64, follows, law| {
+        let seen = |error_px: &dyn Fn(f64) -> f64, follows, law, slowed_ticks: usize| {
             let mut watch = ResidualWatch::default();
+            (0..slowed_ticks).for_each(|_| watch.note_speed(true));
             for k in 0..150 {
                 watch.note_error(MonoNs(k * 40 * MS), error_px(0.04 * k as f64));
             }
             watch.why_no_nearer(0.1, follows, law)
         };
+        let why = |error_px: &dyn Fn(f64) -> f64, follows, law| seen(error_px, follows, law, 100);
         let slow = |t: f64| 124.0 - 5.0 * t;
         let swings = |t: f64| 2.0 + 1.5 * (7.0 * t).sin();
         assert_eq!(why(&slow, false, &velocities), Some(ON_ITS_WAY));
         assert_eq!(why(&swings, false, &velocities), Some(NO_NEARER));
         assert_eq!(why(&swings, false, &torques), Some(NO_NEARER_BY_TORQUES));
         assert_eq!(why(&swings, true, &velocities), Some(BEHIND_OBJECT));
+        assert_eq!(why(&slow, true, &velocities), Some(ON_ITS_WAY));
+        assert_eq!(seen(&swings, true, &velocities, 1000), Some(TOO_SLOW_FOR_OBJECT));
         assert_eq!(why(&|t| 124.0 * (-t).exp(), false, &velocities), None);
     }
 

@@ -3,6 +3,7 @@
 
 use super::latency::LatencyTable;
 use super::summary::{HeldBy, Latencies, LimitedTicks, SafetyEvent, SafetyReport};
+use crate::control::safety::Fault;
 use crate::control::trace::{Event, Trace};
 use crate::messages::{CameraId, ControlState, JointState};
 use crate::motion::{Limit, LimitWatch, SpaceLimit, WorkspaceSettings};
@@ -222,6 +223,7 @@ pub fn describe(event: Event) -> String {
             "the second camera does not see its target: the arm goes by the first one"
         }
         Event::BothViews => "both cameras see their targets: the arm goes by both",
+        Event::StillMoves => Fault::NotAtRest.describe(),
         Event::NeverSeen => {
             "the target of the goal is not in view and was never seen whole in this run: bring the arm to where it is, by `vservo ctl goto`, `goto` of a program or [postures]"
         }

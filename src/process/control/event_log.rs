@@ -15,6 +15,7 @@ pub(super) fn log<const N: usize>(trace: &Trace, mission: &Mission<N>) {
             Event::Fault(fault) => {
                 error!(event = word, fault = fault.code(), state, time_s, tick, "{what}");
             }
+            Event::StillMoves => error!(event = word, state, time_s, tick, "{what}"),
             Event::Holding
             | Event::Returning
             | Event::Searching

@@ -94,7 +94,7 @@ impl<const N: usize> Controller<N> {
     }
 
     /// Whether the arm is carried and can be moved by hand, after a contact.
-    pub(super) fn floats(&self) -> bool {
+    pub(in crate::control) fn floats(&self) -> bool {
         self.fault == Some(Fault::Contact) && self.reaction == ContactReaction::Float
     }
 

@@ -34,7 +34,7 @@ use crate::control::safety::{
     ArmWatch, Contact, ContactReaction, ContactWatch, EncoderWatch, Fault, RestWatch,
 };
 use crate::control::trace::{Event, Events};
-use crate::drive::{CommandMode, DriveCommand, DriveState, DriveTiming};
+use crate::drive::{CommandMode, DriveCommand, DriveState, DriveTiming, RepeatedStates};
 use crate::messages::Measurement;
 use crate::motion::{JointController, Limit, Reference, Workspace};
 use crate::servo::VisualServo;
@@ -95,6 +95,7 @@ pub struct Controller<const N: usize> {
     failure: Option<Fault>,
     /// Whether the next state of the drive is an old one, and how its states come.
     is_state_old: bool,
+    repeats: RepeatedStates<N>,
     timing: DriveTiming,
     watch: ArmWatch<N>,
     encoder_watch: EncoderWatch<N>,
@@ -159,6 +160,7 @@ impl<const N: usize> Controller<N> {
             fault: None,
             failure: None,
             is_state_old: false,
+            repeats: RepeatedStates::default(),
             timing: DriveTiming::of_period(settings.drive_period),
             watch: ArmWatch::default(),
             encoder_watch: EncoderWatch::default(),

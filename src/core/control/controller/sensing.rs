@@ -19,7 +19,8 @@ impl<const N: usize> Controller<N> {
 
     /// The state of the drive, if it is plausible.
     pub(super) fn sense(&mut self, now: MonoNs, drive: &DriveState<N>) -> Option<DriveState<N>> {
-        self.timing.note(std::mem::take(&mut self.is_state_old));
+        let is_repeated = self.repeats.note(drive, self.joint_control.encoder_step().amax());
+        self.timing.note(std::mem::take(&mut self.is_state_old) || is_repeated);
         if self.timing.is_old() {
             self.joint_control.hear_old_state();
         }

@@ -165,7 +165,7 @@ fn events_of(events: u32) -> impl Iterator<Item = Event> {
 }
 
 /// The events by [`event_number`], each fault and each request by one of them: which it was is not in its bit.
-const EVENTS: [Event; 27] = [
+const EVENTS: [Event; 28] = [
     Event::Holding,
     Event::Resumed,
     Event::Stopping,
@@ -193,6 +193,7 @@ const EVENTS: [Event; 27] = [
     Event::FirstViewMissing,
     Event::SecondViewMissing,
     Event::BothViews,
+    Event::StillMoves,
 ];
 
 fn event_number(event: Event) -> u32 {
@@ -224,6 +225,7 @@ fn event_number(event: Event) -> u32 {
         Event::FirstViewMissing => 24,
         Event::SecondViewMissing => 25,
         Event::BothViews => 26,
+        Event::StillMoves => 27,
     }
 }
 

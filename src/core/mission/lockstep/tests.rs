@@ -35,10 +35,11 @@ impl Drive<6> for Spoilt {
     }
 }
 
-/// How such a run ended: its faults as events, with their ticks, and the ticks for which the arm was told to stand at last.
+/// How such a run ended: its faults as events, with their ticks, how often an arm in a fault was told to move on, and the ticks for which the arm was told to stand at last.
 struct SpoiltEnd {
     run: LockstepRun<6>,
     faults: Vec<(u64, Fault)>,
+    moved_on: usize,
     stood: u64,
 }
 
@@ -52,7 +53,7 @@ fn run_spoilt(set: &[&str], spoil: fn(u64, &mut DriveState<6>), shut_down_at: Op
     let arm = SimulatedDrive::new(robot.clone(), q, assemble::simulated_settings(&config).unwrap()).unwrap();
     let drive = Box::new(Spoilt { arm, tick: 0, spoil });
     let mut run = assemble::control_loop_with(&config, robot.clone(), drive).unwrap();
-    let (mut faults, mut stood) = (Vec::new(), 0);
+    let (mut faults, mut moved_on, mut stood) = (Vec::new(), 0, 0);
     if config.serve {
         run.request(Request::Start).unwrap();
     }
@@ -72,9 +73,10 @@ fn run_spoilt(set: &[&str], spoil: fn(u64, &mut DriveState<6>), shut_down_at: Op
             Event::Fault(fault) => Some((tick, fault)),
             _ => None,
         }));
+        moved_on += trace.events.iter().filter(|event| *event == Event::StillMoves).count();
         stood = if trace.command.qd_r.iter().all(|qd| qd.abs() < 1e-3) { stood + 1 } else { 0 };
         if trace.over {
-            return SpoiltEnd { run, faults, stood };
+            return SpoiltEnd { run, faults, moved_on, stood };
         }
     }
     panic!("it never ends");
@@ -130,6 +132,22 @@ fn a_state_that_comes_back_tells_whether_the_arm_stands() {
     let end = run_spoilt(&["drive.mode=velocity"], spoil, None);
     assert_eq!(end.faults.len(), 1, "{:?}", end.faults);
     assert_eq!((end.run.control.unknown_joint(), end.run.control.controller().rest()), (None, Rest::AtRest));
+}
+
+/// A served run goes on in its fault, and says that the arm, a joint of which creeps, should stand and does not.
+#[test]
+fn a_served_arm_that_moves_on_in_its_fault_is_told() {
+    let creeps: fn(u64, &mut DriveState<6>) = |tick, state| {
+        let since = tick.saturating_sub(300) as f64;
+        (state.q[5], state.qd[5]) =
+            (state.q[5] + 1e-4 * since, state.qd[5] + if since > 0.0 { 0.1 } else { 0.0 });
+    };
+    for (serve, moved_on) in [("run.serve=true", 1), ("run.serve=false", 0)] {
+        let end = run_spoilt(&["drive.mode=velocity", serve], creeps, Some(12_000));
+        assert_eq!(end.moved_on, moved_on, "{serve}");
+        let last = end.faults.last().map(|(_, fault)| *fault);
+        assert_eq!((end.faults.len(), last), (2, Some(Fault::NotAtRest)), "{serve}: {:?}", end.faults);
+    }
 }
 
 /// A served run does not end by a fault, and a shutdown is no orderly one where nobody knows.
@@ -211,5 +229,59 @@ fn an_untold_load_is_held_after_a_contact() {
         assert_eq!(fault, Some(Fault::Contact), "{arm} {payload_kg} kg, {force_n} N");
         assert!(last < 0.02, "{arm} {payload_kg} kg, {force_n} N: {last} rad/s or m/s");
         assert!(sunk < 0.4, "{arm} {payload_kg} kg, {force_n} N: {sunk} rad or m");
+    }
+}
+
+/// With less jerk a torque law is slower, and comes to its goal. Other jerks and accelerations than its constants were chosen with.
+#[test]
+fn a_low_jerk_makes_a_torque_law_slow_and_not_loose() {
+    for (arm, scheme) in [
+        ("scara-a", "position_pd"),
+        ("scara-c", "image_pd"),
+        ("xarm7", "position_pd"),
+        ("panda", "position_pd"),
+    ] {
+        for (jerk, acceleration) in [(8.0, 8.0), (15.0, 10.0), (30.0, 5.0), (75.0, 20.0)] {
+            let path =
+                std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../config/{arm}.toml"));
+            let set = [
+                format!("motion.max_jerk_rad_s3_or_m_s3=[{jerk:.1}]"),
+                format!("motion.max_acceleration_rad_s2_or_m_s2=[{acceleration:.1}]"),
+                format!("servo.scheme={scheme}"),
+                "drive.mode=torque".to_owned(),
+            ];
+            let config = Config::load(Some(&path), &set).unwrap();
+            let end = simulate_system(&config, &mut |_| ControlFlow::Continue(())).unwrap();
+            let reason = format!("{arm} {jerk} {acceleration}: {}", end.finish.reason);
+            assert_eq!(end.finish.outcome, Outcome::Converged, "{reason}");
+        }
+    }
+}
+
+/// States that a drive sends once more as if they were new, while the arm is fast.
+#[test]
+fn states_that_come_twice_are_no_fault_of_the_arm() {
+    for (arm, mode) in [
+        ("ur5", "velocity"),
+        ("ur5", "position"),
+        ("panda", "velocity"),
+        ("xarm7", "position"),
+        ("ur5", "torque"),
+    ] {
+        for (probability, from_s, seed) in [(0.3, 0.0, 1), (0.3, 0.2, 2), (0.5, 0.1, 3)] {
+            let path =
+                std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../config/{arm}.toml"));
+            let set = [
+                format!("drive.mode={mode}"),
+                format!("run.seed={seed}"),
+                format!(
+                    "faults=[{{kind='stale_state',from_s={from_s:.2},duration_s=0.3,probability={probability}}}]"
+                ),
+            ];
+            let config = Config::load(Some(&path), &set).unwrap();
+            let end = simulate_system(&config, &mut |_| ControlFlow::Continue(())).unwrap();
+            let reason = format!("{arm} {mode} {probability} {from_s}: {}", end.finish.reason);
+            assert_eq!(end.finish.outcome, Outcome::Converged, "{reason}");
+        }
     }
 }

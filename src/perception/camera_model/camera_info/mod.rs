@@ -4,7 +4,7 @@
 //! image_width, image_height, camera_name
 //! camera_matrix            3 x 3   fx 0 cx / 0 fy cy / 0 0 1
 //! distortion_model         plumb_bob (k1 k2 p1 p2, k3), rational_polynomial (k1 k2 p1 p2 k3 k4 k5 k6), equidistant (k1 k2 k3 k4)
-//! distortion_coefficients  1 x 4, 5 or 8
+//! distortion_coefficients  1 x 4, 5 or 8; OpenCV's 12 and 14, where those of a thin prism and a tilted sensor are zero
 //! rectification_matrix     3 x 3   of a stereo pair; the unit matrix for one camera
 //! projection_matrix        3 x 4   of the rectified image; the camera matrix for one camera
 //! ```
@@ -22,6 +22,10 @@ use yaml::Entries;
 
 /// Longest name of a camera, characters: it comes into messages and files, which it must not fill. Chosen.
 const LONGEST_NAME: usize = 200;
+
+/// Coefficients of OpenCV's rational lens, and of the same with a thin prism and a tilted sensor.
+const RATIONAL: usize = 8;
+const WITH_PRISM_AND_TILT: [usize; 2] = [12, 14];
 
 /// A calibration file that cannot be used.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
@@ -148,6 +152,17 @@ fn read_lens(entries: &Entries) -> Result<Lens, CameraInfoError> {
     const MODEL: &str = "distortion_model";
     const COEFFICIENTS: &str = "distortion_coefficients";
     let mut values = entries.row(COEFFICIENTS)?.ok_or_else(|| entries.missing(COEFFICIENTS))?;
+    if WITH_PRISM_AND_TILT.contains(&values.len()) {
+        if values.iter().skip(RATIONAL).any(|value| *value != 0.0) {
+            let message = format!(
+                "has {} entries, of which those after the eighth bend the image as a thin prism or a tilted sensor (s1 to s4, tau_x, tau_y), which is not known here: calibrate without \
+                 CALIB_THIN_PRISM_MODEL and CALIB_TILTED_MODEL",
+                values.len()
+            );
+            return Err(entries.wrong(COEFFICIENTS, message));
+        }
+        values.truncate(RATIONAL);
+    }
     let word = match (entries.text(MODEL)?, values.len()) {
         (Some(word), _) => word,
         // OpenCV names no model: these numbers of coefficients are those of one alone.
@@ -170,6 +185,10 @@ fn read_lens(entries: &Entries) -> Result<Lens, CameraInfoError> {
         values.push(0.0);
     }
     let names = model.coefficients();
+    // Of OpenCV's longer rows what such a lens does not have is zero.
+    if model == LensModel::PlumbBob && values.iter().skip(names.len()).all(|value| *value == 0.0) {
+        values.truncate(names.len());
+    }
     if values.len() != names.len() {
         let message = format!(
             "has {} entries, a {} lens has {}: {}",

@@ -62,6 +62,8 @@ fn other_spellings_are_understood() {
         "%YAML:1.0\n---\n# calibrated on Monday\n{FILE}binning_x: 0\nroi: {{x: [1, [2]], y: {{}}}}\n"
     );
     assert_eq!(CameraInfo::read(&head).unwrap(), info);
+    let named = head.replace("narrow_left", "\"Ann\\'s\"");
+    assert_eq!(CameraInfo::read(&named).unwrap().camera_name, "Ann's");
     let alone = &FILE[..FILE.find("rectification").unwrap()];
     let alone = CameraInfo::read(alone).unwrap();
     assert_eq!((alone.lens, alone.intrinsics), (info.lens, info.intrinsics));
@@ -81,6 +83,31 @@ fn wide_lenses_are_read() {
     let rational =
         RationalPolynomial { k1: 1.0, k2: 2.0, p1: 3.0, p2: 4.0, k3: 5.0, k4: 6.0, k5: 7.0, k6: 8.0 };
     assert_eq!(of("rational_polynomial", 8, "1, 2, 3, 4, 5, 6, 7, 8"), Lens::RationalPolynomial(rational));
+}
+
+/// As OpenCV's calibration gives them when it is asked for more than the lens needs.
+#[test]
+fn longer_rows_of_opencv_are_read_where_the_rest_is_zero() {
+    let of = |model: &str, data: &[&str]| {
+        let text = FILE.replace("distortion_model: plumb_bob\n", model);
+        let text = text.replace("cols: 5", &format!("cols: {}", data.len()));
+        CameraInfo::read(&text.replace("-0.21, 0.0625, 1.5e-03, -.001, 0.", &data.join(", ")))
+    };
+    let row = |count: usize| ["1", "2", "3", "4", "5", "6", "7", "8"].into_iter().chain(["0"; 6]).take(count);
+    let eight = of("", &row(8).collect::<Vec<_>>()).unwrap().lens;
+    for count in [12, 14] {
+        for model in ["", "distortion_model: rational_polynomial\n"] {
+            assert_eq!(of(model, &row(count).collect::<Vec<_>>()).unwrap().lens, eight);
+        }
+        let mut bent: Vec<_> = row(count).collect();
+        bent[count - 1] = "0.01";
+        let told = of("", &bent).unwrap_err().message;
+        assert!(told.contains("thin prism") && told.contains(&format!("{count} entries")), "{told}");
+    }
+    let plain = ["-0.21", "0.0625", "1.5e-03", "-.001", "0."].into_iter().chain(["0"; 9]);
+    let plain = of("distortion_model: plumb_bob\n", &plain.collect::<Vec<_>>()).unwrap().lens;
+    assert_eq!(plain, CameraInfo::read(FILE).unwrap().lens);
+    assert!(of("distortion_model: plumb_bob\n", &row(8).collect::<Vec<_>>()).is_err(), "a rational lens");
 }
 
 #[test]

@@ -108,10 +108,10 @@ impl<'a> Walk<'a> {
 
 impl Entries {
     pub(super) fn read(text: &str) -> Result<Self, CameraInfoError> {
-        // OpenCV begins its files so; YAML asks for a blank there.
+        // OpenCV begins its files so, where YAML asks for a blank, and escapes an apostrophe, which YAML does not know.
         let blank;
         let text = if text.starts_with("%YAML:") {
-            blank = text.replacen("%YAML:", "#YAML:", 1);
+            blank = text.replacen("%YAML:", "#YAML:", 1).replace("\\'", "'");
             blank.as_str()
         } else {
             text
