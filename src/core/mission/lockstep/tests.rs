@@ -285,3 +285,16 @@ fn states_that_come_twice_are_no_fault_of_the_arm() {
         }
     }
 }
+
+/// A law of torques pulls for a while against a load that is being learnt, and the joint stands: it is not jammed.
+#[test]
+fn a_load_that_is_being_learnt_jams_no_joint() {
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/scara-c.toml");
+    for payload in 2..=12 {
+        let payload_kg = 0.25 * f64::from(payload);
+        let set = [format!("drive.simulated.payload_kg={payload_kg}")];
+        let config = Config::load(Some(&path), &set).unwrap();
+        let end = simulate_system(&config, &mut |_| ControlFlow::Continue(())).unwrap();
+        assert_eq!(end.finish.outcome, Outcome::Converged, "{payload_kg} kg: {}", end.finish.reason);
+    }
+}
