@@ -45,6 +45,11 @@ pub(super) fn ctl(arguments: &CtlArguments) -> Result<u8, ProcessError> {
             return save(&client, path, common.timeout_s.unwrap_or(USUAL_WAIT_S));
         }
         CtlCommand::Goal { file, position_m, rotation_rpy_deg, rotation_xyzw, target } => {
+            // As in a run file: what is more tells no angle any more.
+            if rotation_rpy_deg.is_some_and(|FixedNumbers(rpy)| rpy.iter().any(|angle| angle.abs() > 361.0)) {
+                let message = "--rotation-rpy-deg: is out of range, allowed is -361 to 361";
+                return Err(ProcessError::NoCommand(message.into()));
+            }
             let client = match target {
                 Some(name) => client.clone().of_target(name)?,
                 None => client.clone(),

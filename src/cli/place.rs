@@ -16,14 +16,23 @@ use std::path::Path;
 use toml::{Table, Value};
 
 /// Keys whose values are paths that count from the run file's folder.
-const PATHS: [&str; 7] = [
+const PATHS: [&str; 16] = [
     "camera.external.folder",
     "camera.lens.file",
     "camera.replay.folder",
-    "stereo.taught_file",
+    "camera.replay.recording",
+    "cameras.*.external.folder",
+    "cameras.*.lens.file",
+    "cameras.*.replay.folder",
+    "cameras.*.replay.recording",
     "drive.external.folder",
-    "scene.arm.model",
+    "drive.replay.recording",
+    "goals.*.file",
+    "postures.*.file",
     "robot.model",
+    "scene.arm.model",
+    "servo.set_point.file",
+    "stereo.taught_file",
 ];
 
 /// What `--json` prints.
@@ -127,6 +136,13 @@ fn request(arguments: &PlaceArguments) -> Result<PlaceRequest, String> {
     if let Some(distance_m) = arguments.distance_m.filter(|d| !(0.01..=100.0).contains(d)) {
         return Err(format!("--distance-m {distance_m}: is out of range, allowed is 0.01 to 100 m"));
     }
+    let is_turned = matches!(&object, Some(Ok((_, Some(_)))));
+    if is_turned && !matches!(arguments.look.map(Look::from), None | Some(Look::Any)) {
+        return Err(
+            "--look: the camera looks where --object is turned to; leave out one of them, or ROLL,PITCH,YAW"
+                .into(),
+        );
+    }
     Ok(PlaceRequest {
         look: arguments.look.map(Look::from),
         object: object.transpose()?,
@@ -192,15 +208,56 @@ pub(super) fn change(table: &mut Table, path: &[&str], then: &mut dyn FnMut(&mut
 
 /// Makes the path at `key` independent of where the new file stands.
 fn make_absolute(table: &mut Table, key: &str, folder: &Path) {
-    let mut at = Some(table);
-    let (tables, last) = key.rsplit_once('.').unwrap_or(("", key));
-    for name in tables.split('.') {
-        at = at.and_then(|table| table.get_mut(name)).and_then(Value::as_table_mut);
+    match key.split_once('.') {
+        Some((name, inner)) => {
+            let each = inner.strip_prefix("*.");
+            for inside in tables_of(table.get_mut(name), each.is_some()) {
+                make_absolute(inside, each.unwrap_or(inner), folder);
+            }
+        }
+        None => {
+            if let Some(Value::String(path)) = table.get_mut(key)
+                && path.contains(['.', '/'])
+                && let Ok(absolute) = std::path::absolute(folder.join(&*path))
+            {
+                *path = absolute.display().to_string();
+            }
+        }
     }
-    if let Some(Value::String(path)) = at.and_then(|table| table.get_mut(last))
-        && path.contains(['.', '/'])
-        && let Ok(absolute) = std::path::absolute(folder.join(&*path))
-    {
-        *path = absolute.display().to_string();
+}
+
+/// A table, or, of those in it or in a list, each.
+fn tables_of(value: Option<&mut Value>, each: bool) -> Vec<&mut Table> {
+    match (value, each) {
+        (Some(Value::Table(table)), true) => {
+            table.iter_mut().filter_map(|(_, inner)| inner.as_table_mut()).collect()
+        }
+        (Some(Value::Array(list)), true) => list.iter_mut().filter_map(Value::as_table_mut).collect(),
+        (Some(Value::Table(table)), false) => vec![table],
+        _ => Vec::new(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_file_of_a_run_file_keeps_its_place() {
+        for key in PATHS {
+            let text = match key.split_once(".*.") {
+                Some((list @ "cameras", inner)) => {
+                    format!("[[{list}]]\nname = \"a\"\n[[{list}]]\n{inner} = \"files/a.toml\"\n")
+                }
+                Some((tables, inner)) => format!("[{tables}.part]\n{inner} = \"files/a.toml\"\n"),
+                None => format!("{key} = \"files/a.toml\"\n"),
+            };
+            let mut table: Table = text.parse().unwrap();
+            make_absolute(&mut table, key, Path::new("/cell"));
+            assert!(toml::to_string(&table).unwrap().contains("\"/cell/files/a.toml\""), "{key}: {table}");
+        }
+        let mut named: Table = "robot.model = \"ur5\"".parse().unwrap();
+        make_absolute(&mut named, "robot.model", Path::new("/cell"));
+        assert_eq!(named.to_string().trim(), "robot = { model = \"ur5\" }");
     }
 }

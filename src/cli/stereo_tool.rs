@@ -3,6 +3,7 @@
 mod look;
 mod matching;
 mod motion;
+mod motion_answer;
 mod pairs;
 mod rectify;
 mod triangulate;

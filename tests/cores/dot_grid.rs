@@ -215,6 +215,34 @@ fn nothing_is_found_where_there_is_none() {
     }
 }
 
+/// The left half of one view and the right half of another.
+#[test]
+fn a_grid_that_is_there_twice_is_ambiguous() {
+    let mut random = Random(16);
+    let mut bench = Bench::new(7, 5, 0.02, 0.0, noisy(2.0, 3));
+    let mut vision = bench.vision(false);
+    for _ in 0..40 {
+        let mut half = |x: f64| {
+            let z = random.within(0.5, 0.7);
+            let about = random.within(-3.2, 3.2);
+            let axis = nalgebra::Unit::new_normalize(Vector3::new(about.cos(), about.sin(), 0.0));
+            let R = UnitQuaternion::from_axis_angle(&axis, random.within(0.0, 0.6))
+                * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), random.within(-3.2, 3.2));
+            let X_CO = Pose::from_parts(Translation3::new(x * z, random.within(-0.1, 0.1) * z, z), R)
+                * Translation3::new(-bench.middle.x, -bench.middle.y, 0.0);
+            bench.render(&X_CO);
+            bench.image.clone()
+        };
+        let (mut image, right) = (half(-0.2), half(0.2));
+        assert!(process(&mut vision, &image, 1, &Prior::default()).found());
+        for (row, other) in image.chunks_mut(WIDTH).zip(right.chunks(WIDTH)) {
+            row[WIDTH / 2..].copy_from_slice(&other[WIDTH / 2..]);
+        }
+        let m = process(&mut vision, &image, 1, &Prior::default());
+        assert_eq!(m.target_status(), TargetStatus::Ambiguous);
+    }
+}
+
 /// A grid as printed for calibrations: its dots tell no turn, so that they are numbered as the image stands. Held against the scene.
 #[test]
 fn equal_dots_are_found_whole_and_numbered_upright() {

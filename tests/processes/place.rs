@@ -103,6 +103,25 @@ fn what_a_run_file_says_stays() {
     assert_ne!(new.effective.robot.q_start_rad_or_m, old.effective.robot.q_start_rad_or_m);
 }
 
+/// A run file names files beside it; the one that is written from it stands in another folder.
+#[test]
+fn files_beside_a_run_file_are_found_from_elsewhere() {
+    let folder = tempfile::tempdir().unwrap();
+    let [old, new] = ["old", "new"].map(|name| folder.path().join(name));
+    [&old, &new].into_iter().for_each(|path| std::fs::create_dir(path).unwrap());
+    let lens = "image_width: 640\nimage_height: 480\ncamera_matrix: {rows: 3, cols: 3, data: [800, 0, 319.5, 0, 800, 239.5, 0, 0, 1]}\n\
+                distortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}\n";
+    std::fs::write(old.join("lens.yaml"), lens).unwrap();
+    let text = "[robot]\nmodel = \"ur5\"\n[[cameras]]\nname = \"hand\"\nlens.file = \"lens.yaml\"\n";
+    std::fs::write(old.join("cell.toml"), text).unwrap();
+    let placed = new.join("placed.toml");
+    let (code, out, error) =
+        asked(&["place", old.join("cell.toml").to_str().unwrap(), "--out", placed.to_str().unwrap()]);
+    assert_eq!(code, Some(0), "{out}{error}");
+    let (code, out, error) = asked(&["check", placed.to_str().unwrap()]);
+    assert_eq!((code, error.as_str()), (Some(0), ""), "{out}");
+}
+
 #[test]
 fn requests_that_cannot_be_are_told() {
     for (arguments, code, words) in [
@@ -110,6 +129,7 @@ fn requests_that_cannot_be_are_told() {
         (vec!["--object", "0.5,here,0"], 2, "is no list of numbers"),
         (vec!["--object", "0.5,0"], 2, "has neither 3 nor 6 numbers"),
         (vec!["--distance-m", "1e308"], 2, "is out of range"),
+        (vec!["--object", "0.5,0.2,0.2,0,0,90", "--look", "down"], 2, "looks where --object is turned to"),
         (
             vec!["--set", "camera.source=v4l2", "--set", "camera.v4l2.device=/dev/video0"],
             3,

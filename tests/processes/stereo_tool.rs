@@ -8,6 +8,7 @@ use crate::process_image::ended;
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3};
 use serde_json::Value;
 use std::path::Path;
+use vservo::linalg::Random;
 
 const F_PX: f64 = 600.0;
 const SIZE: (u32, u32) = (320, 240);
@@ -272,6 +273,47 @@ fn the_displacement_comes_back_from_points() {
     std::fs::write(&five, text.lines().take(6).map(|line| format!("{line}\n")).collect::<String>()).unwrap();
     let answer = json(&["motion", five.to_str().unwrap(), "--camera", camera, "--method", "five_point"]);
     assert!(answer["solutions"].as_array().unwrap().iter().any(is_truth), "{answer}");
+}
+
+/// With noise a refinement may come to the opposite base line, which explains the images as well and has no point in front.
+#[test]
+fn five_points_and_more_tell_the_side_of_the_base_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut random = Random::new(7);
+    let mut write = |name: &str, X_12: &Isometry3<f64>, pairs: u32| {
+        let mut text = String::from("X1,Y1,X2,Y2\n");
+        for _ in 0..pairs {
+            let z = random.between(0.5, 1.0);
+            let p = Point3::new(random.between(-0.4, 0.4) * z, random.between(-0.3, 0.3) * z, z);
+            let q = X_12.inverse() * p;
+            let noise = [0; 4].map(|_| random.between(-1.7e-4, 1.7e-4));
+            let (x1, y1) = (p.x / p.z + noise[0], p.y / p.z + noise[1]);
+            text += &format!("{x1},{y1},{},{}\n", q.x / q.z + noise[2], q.y / q.z + noise[3]);
+        }
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        path.to_str().unwrap().to_owned()
+    };
+    let turn = UnitQuaternion::from_euler_angles(0.03, -0.15, 0.03);
+    let beside = Isometry3::from_parts(Vector3::new(0.12, 0.004, -0.006).into(), turn);
+    let mut ambiguous = 0;
+    for k in 0..40 {
+        let answer = json(&["motion", &write("pairs.csv", &beside, 20), "--method", "five_point"]);
+        let first = &answer["solutions"][0];
+        let along = Vector3::from_vec(list(&first["direction"])).dot(&beside.translation.vector.normalize());
+        assert!(along > 0.999 && first["in_front"] == 20, "{k}: {first}");
+        ambiguous += u32::from(answer["ambiguous"] == true);
+    }
+    assert_eq!(ambiguous, 0);
+    // A camera that turned alone has none, whatever the method.
+    let turned = write("turned.csv", &Isometry3::from_parts(Vector3::zeros().into(), turn), 60);
+    for method in ["five_point", "eight_point", "consensus", "plane"] {
+        let answer = json(&["motion", &turned, "--method", method]);
+        let reason = answer["reason"].as_str().unwrap();
+        assert!(answer["ambiguous"] == true && reason.contains("turned alone"), "{method}: {answer}");
+    }
+    let answer = json(&["motion", "--homography", "1,0,0,0,1,0,0,0,1"]);
+    assert!(answer["ambiguous"] == true && answer["plane"]["readings"][0]["normal_2"].is_null(), "{answer}");
 }
 
 #[test]

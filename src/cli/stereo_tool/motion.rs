@@ -1,5 +1,6 @@
 //! `vservo stereo motion`: displacement of a camera between two images of points, (10.43)-(10.46), or of a plane, (10.58)-(10.61).
 
+use super::motion_answer::{Fundamental, MotionAnswer, PlaneAnswer, PlaneReading, PointMotion, told};
 use super::pairs::{PairFile, intrinsic_matrix, normalized_noise};
 use super::{finite, rows};
 use crate::camera_model::CameraModel;
@@ -15,71 +16,23 @@ use crate::stereo::{
     plane_motion_consistent, refine_relative, relative_pose, sampson_error2,
 };
 use nalgebra::{Matrix3, Vector2, Vector3};
-use serde::Serialize;
 
 /// How far the cosine of the angle between two solutions may be from 1 if they are one: 1e-5 rad, a hundred times what a refinement stops at, and less than the error of any pixel. Chosen by hand.
 const SAME: f64 = 1e-10;
+
+/// The two rotations of one essential matrix are half a turn apart, rad: a quarter tells them.
+const QUARTER: f64 = std::f64::consts::FRAC_PI_2;
+
+/// Shortest base line over the distance of the plane that a homography tells. Chosen by hand: matrices are written with six decimals.
+const NO_BASE_LINE: f64 = 5e-6;
+/// The error of a homography over that of a displacement that explains the same pairs. Derived: a pair has two numbers instead of one.
+const PLANE_ERROR: f64 = std::f64::consts::SQRT_2;
+const TURNED_ALONE: &str = "the camera turned alone, as far as this shows: there is no base line, and neither its direction nor a plane's normal means anything";
 
 /// How much nearer to a hint the true reading must be than the other, rad. Chosen by hand: a plane's normal is seldom known better than to two degrees.
 const TIE: f64 = 0.035;
 /// An inlier lies within this many standard deviations of its epipolar line. Chosen by hand: a normal deviate exceeds 3 once in 370 cases.
 const INLIER_SDS: f64 = 3.0;
-
-#[derive(Serialize)]
-struct MotionAnswer {
-    method: &'static str,
-    pairs: usize,
-    /// Of points; the one that most points lie in front of first.
-    solutions: Vec<PointMotion>,
-    /// Of a plane: both readings.
-    plane: Option<PlaneAnswer>,
-    /// For pixels without the cameras: F alone, (10.46).
-    fundamental: Option<Fundamental>,
-    ambiguous: bool,
-    reason: Option<String>,
-}
-
-/// Camera 2 in camera 1; the base line has length 1.
-#[derive(Serialize)]
-struct PointMotion {
-    essential: [[f64; 3]; 3],
-    fundamental: Option<[[f64; 3]; 3]>,
-    /// Normalized; `null` at infinity.
-    epipole_1: Option<[f64; 2]>,
-    epipole_2: Option<[f64; 2]>,
-    rotation_xyzw: [f64; 4],
-    direction: [f64; 3],
-    in_front: usize,
-    /// Of the first-order error, normalized units.
-    rms: f64,
-    inliers: Option<Vec<u64>>,
-    /// Of the rotation vector (rad) and the direction of the base line along two unit vectors across it (rad), by rows.
-    covariance: Option<Vec<f64>>,
-    tangents: Option<[[f64; 3]; 2]>,
-}
-
-#[derive(Serialize)]
-struct PlaneAnswer {
-    homography: [[f64; 3]; 3],
-    rms: Option<f64>,
-    /// Lengths in units of the plane's distance from camera 2.
-    readings: Vec<PlaneReading>,
-}
-
-#[derive(Serialize)]
-struct PlaneReading {
-    rotation: [[f64; 3]; 3],
-    position_over_distance: [f64; 3],
-    normal_2: [f64; 3],
-}
-
-#[derive(Serialize)]
-struct Fundamental {
-    matrix: [[f64; 3]; 3],
-    epipole_1_px: Option<[f64; 2]>,
-    epipole_2_px: Option<[f64; 2]>,
-    rms_px: f64,
-}
 
 pub(super) fn motion(arguments: &StereoMotionArguments) -> Result<u8, ProcessError> {
     match run(arguments) {
@@ -95,7 +48,7 @@ fn run(a: &StereoMotionArguments) -> Result<MotionAnswer, Refused> {
     if let Some(text) = &a.homography {
         let H = matrix_of(text).map_err(|e| (format!("--homography: {e}"), 2))?;
         let solutions = decompose_homography(&H).map_err(|e| (e.to_string(), 5))?;
-        return Ok(of_plane("homography", 0, &H, None, &chosen(a, solutions)?));
+        return Ok(of_plane("homography", 0, &H, None, (&chosen(a, solutions)?, false)));
     }
     let path = a.pairs.as_ref().ok_or(("PAIRS.csv or --homography is needed".to_owned(), 2))?;
     let file = PairFile::read(path).map_err(|e| (e, 3))?;
@@ -129,7 +82,11 @@ fn run(a: &StereoMotionArguments) -> Result<MotionAnswer, Refused> {
                     HomographySolutions { first, second: None }
                 }
             };
-            Ok(of_plane("plane", pairs.len(), &motion.H, Some(motion.rms), &solutions))
+            let turned = matches!(
+                degenerate_motion(&pairs, motion.rms / PLANE_ERROR, sd.unwrap_or(0.0)),
+                Some(DegenerateMotion::Turn(_))
+            );
+            Ok(of_plane("plane", pairs.len(), &motion.H, Some(motion.rms), (&solutions, turned)))
         }
         method => of_points(method, &file.ids, &pairs, sd, cameras).map_err(failed),
     }
@@ -201,23 +158,27 @@ fn of_plane(
     pairs: usize,
     H: &Matrix3<f64>,
     rms: Option<f64>,
-    solutions: &HomographySolutions,
+    (solutions, turned): (&HomographySolutions, bool),
 ) -> MotionAnswer {
-    let both = [Some(solutions.first), solutions.second];
+    let turned = turned || solutions.first.p_12_1_over_d2.norm() <= NO_BASE_LINE;
+    let both = [Some(solutions.first), solutions.second.filter(|_| !turned)];
     let readings: Vec<_> = both
         .into_iter()
         .flatten()
         .map(|s| PlaneReading {
             rotation: rows(s.R_12.matrix()),
             position_over_distance: s.p_12_1_over_d2.into(),
-            normal_2: s.n_2.into(),
+            normal_2: (!turned).then_some(s.n_2.into()),
         })
         .collect();
-    let ambiguous = readings.len() > 1;
-    let reason = ambiguous.then(|| {
-        "two images of a plane have two readings: a third view (--third), the plane's normal (--normal) or the way (--direction) tells"
-            .to_owned()
-    });
+    let ambiguous = turned || readings.len() > 1;
+    let reason = match turned {
+        true => Some(TURNED_ALONE.to_owned()),
+        false => ambiguous.then(|| {
+            "two images of a plane have two readings: a third view (--third), the plane's normal (--normal) or the way (--direction) tells"
+                .to_owned()
+        }),
+    };
     let plane = PlaneAnswer { homography: rows(H), rms, readings };
     MotionAnswer {
         method,
@@ -272,22 +233,28 @@ fn of_points(
                 let Ok((X_12, in_front)) = relative_pose(E, pairs) else { continue };
                 // Further pairs tell which of the solutions is true, and where it is: with errors, five alone are far off.
                 let further = (pairs.len() > first.len()).then_some(pairs);
-                let solution = match further.map(|all| refine_relative(&X_12, all, sd.unwrap_or(0.0))) {
-                    Some(Ok(refined)) => refined_motion(&refined, in_front, pairs, cameras, sd),
-                    _ => one(E, X_12, in_front),
+                let solution = match further.and_then(|all| refined(&X_12, all, sd)) {
+                    Some((refined, in_front)) => refined_motion(&refined, in_front, pairs, cameras, sd),
+                    None => one(E, X_12, in_front),
                 };
                 if !solutions.iter().any(|known| is_same(known, &solution)) {
                     solutions.push(solution);
                 }
             }
+            solutions.sort_by(better);
+            let best = solutions.first().filter(|_| pairs.len() > first.len());
+            degenerate = best
+                .and_then(|best| degenerate_motion(pairs, best.rms, sd.unwrap_or(0.0)))
+                .map(|of| (of, pairs.to_vec()));
+            solutions.truncate(if degenerate.is_some() { 1 } else { solutions.len() });
         }
         MotionMethod::EightPoint => {
             let E = essential_8_point(pairs)?;
             let (X_12, in_front) = relative_pose(&E, pairs)?;
-            let mut solution = one(&E, X_12, in_front);
-            if let Ok(refined) = refine_relative(&X_12, pairs, sd.unwrap_or(0.0)) {
-                solution = refined_motion(&refined, in_front, pairs, cameras, sd);
-            }
+            let solution = match refined(&X_12, pairs, sd) {
+                Some((refined, in_front)) => refined_motion(&refined, in_front, pairs, cameras, sd),
+                None => one(&E, X_12, in_front),
+            };
             degenerate =
                 degenerate_motion(pairs, solution.rms, sd.unwrap_or(0.0)).map(|of| (of, pairs.to_vec()));
             solutions.push(solution);
@@ -300,7 +267,8 @@ fn of_points(
             let found = consensus.search(pairs, &settings, sd.unwrap_or(0.0))?;
             let agree: Vec<_> =
                 pairs.iter().zip(consensus.inliers()).filter(|(_, is)| **is).map(|(p, _)| *p).collect();
-            let mut solution = refined_motion(&found.refined, found.inliers, &agree, cameras, sd);
+            let best = refined(&found.refined.X_12, &agree, sd).ok_or(StereoError::BehindCamera)?;
+            let mut solution = refined_motion(&best.0, best.1, &agree, cameras, sd);
             let inliers = ids.iter().zip(consensus.inliers()).filter(|(_, is)| **is).map(|(id, _)| *id);
             solution.inliers = Some(inliers.collect());
             degenerate = degenerate_motion(&agree, solution.rms, sd.unwrap_or(0.0)).map(|of| (of, agree));
@@ -330,14 +298,14 @@ fn of_points(
         }
         None => {}
     }
-    solutions.sort_by(|a, b| b.in_front.cmp(&a.in_front).then(a.rms.total_cmp(&b.rms)));
+    solutions.sort_by(better);
     let equal = |s: &PointMotion| {
         solutions.first().is_some_and(|best| s.in_front == best.in_front && s.rms <= 2.0 * best.rms + 1e-9)
     };
     let count = solutions.iter().filter(|s| equal(s)).count();
     let ambiguous = count > 1 || no_base_line;
     let reason = if no_base_line {
-        Some("the camera turned alone, as far as these pairs show: there is no base line, and its direction means nothing".to_owned())
+        Some(TURNED_ALONE.to_owned())
     } else {
         ambiguous.then(|| {
             format!(
@@ -355,6 +323,22 @@ fn of_points(
         ambiguous,
         reason,
     })
+}
+
+/// The displacement of least error near a start, from which most points lie in front of both cameras, and how many; `None` where there is none. The error is the same for the
+/// opposite base line and for the turned camera, to which a refinement may come.
+fn refined(start: &Pose, pairs: &[Conjugates], sd: Option<f64>) -> Option<(RefinedRelativePose, usize)> {
+    let refine = |start: &Pose| refine_relative(start, pairs, sd.unwrap_or(0.0)).ok();
+    let found = refine(start)?;
+    let (X_12, in_front) = relative_pose(&crate::stereo::essential_matrix(&found.X_12), pairs).ok()?;
+    let turn = X_12.rotation.angle_to(&found.X_12.rotation);
+    let is_it = turn < QUARTER && X_12.translation.vector.dot(&found.X_12.translation.vector) > 0.0;
+    Some((if is_it { found } else { refine(&X_12)? }, in_front))
+}
+
+/// The order of solutions: most points in front, then the least error.
+fn better(a: &PointMotion, b: &PointMotion) -> std::cmp::Ordering {
+    b.in_front.cmp(&a.in_front).then(a.rms.total_cmp(&b.rms))
 }
 
 /// Whether two solutions are one, to which both starts led.
@@ -404,43 +388,4 @@ fn refined_motion(
         tangents: Some(refined.tangents.map(Into::into)),
         ..point_motion(&E, &refined.X_12, in_front, pairs, cameras)
     }
-}
-
-/// For people.
-fn told(answer: &MotionAnswer) -> String {
-    let list = |numbers: &[f64]| numbers.iter().map(|v| format!("{v:.6}")).collect::<Vec<_>>().join(", ");
-    let matrix = |m: &[[f64; 3]; 3]| m.iter().map(|row| format!("      {}\n", list(row))).collect::<String>();
-    let mut text = format!("{}: {} pairs", answer.method, answer.pairs);
-    if let Some(reason) = &answer.reason {
-        text += &format!("; {}{reason}", if answer.ambiguous { "ambiguous: " } else { "" });
-    }
-    text.push('\n');
-    for (i, s) in (1..).zip(&answer.solutions) {
-        text += &format!(
-            "{i}: base line along ({}), rotation ({}), {} in front, rms {:.3e}\n   E\n{}",
-            list(&s.direction),
-            list(&s.rotation_xyzw),
-            s.in_front,
-            s.rms,
-            matrix(&s.essential)
-        );
-        if let Some(inliers) = &s.inliers {
-            text += &format!("   {} of {} pairs agree\n", inliers.len(), answer.pairs);
-        }
-    }
-    if let Some(plane) = &answer.plane {
-        text += &format!("H\n{}", matrix(&plane.homography));
-        for (i, r) in (1..).zip(&plane.readings) {
-            text += &format!(
-                "{i}: position over distance ({}), normal in frame 2 ({})\n   R\n{}",
-                list(&r.position_over_distance),
-                list(&r.normal_2),
-                matrix(&r.rotation)
-            );
-        }
-    }
-    if let Some(f) = &answer.fundamental {
-        text += &format!("F, rms {:.4} px\n{}", f.rms_px, matrix(&f.matrix));
-    }
-    text
 }

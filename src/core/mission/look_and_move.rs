@@ -48,6 +48,8 @@ pub struct LookAndMove<const N: usize> {
     phase: Phase<N>,
     /// Motions that were ordered.
     motions: u32,
+    /// Whether it has moved since it was started last: control serves once there is a motion, be it none.
+    has_moved: bool,
 }
 
 #[derive(Debug)]
@@ -97,7 +99,7 @@ impl<const N: usize> LookAndMove<N> {
     /// In `cell`, by whose description motions are planned.
     #[must_use]
     pub fn new(cell: BelievedCell<N>) -> Self {
-        Self { cell, phase: Phase::Looking(None), motions: 0 }
+        Self { cell, phase: Phase::Looking(None), motions: 0, has_moved: false }
     }
 
     /// Notes the state of control and whether the arm rests, at each tick. An arm that was held or stopped forgets its motion, and looks
@@ -105,7 +107,7 @@ impl<const N: usize> LookAndMove<N> {
     pub(super) fn note_arm(&mut self, now: MonoNs, state: ControlState, at_rest: bool) {
         let goes_on = matches!(state, ControlState::Waiting | ControlState::Servoing);
         match &mut self.phase {
-            _ if !goes_on => self.phase = Phase::Looking(None),
+            _ if !goes_on => (self.phase, self.has_moved) = (Phase::Looking(None), false),
             Phase::Looking(since) if at_rest => {
                 since.get_or_insert(now);
             }
@@ -133,7 +135,7 @@ impl<const N: usize> LookAndMove<N> {
     /// has moved.
     pub(super) fn look(&mut self, m: &Measurement, error_px: f64, q: &SVector<f64, N>, goal: &Goal) {
         let Phase::Looking(Some(since)) = self.phase else { return };
-        let is_there = self.motions > 0 && error_px <= goal.tolerance_px;
+        let is_there = self.has_moved && error_px <= goal.tolerance_px;
         let (Some(X_CO), Some(X_DO)) = (m.pose(), goal.set_point.X_DO()) else { return };
         if m.exposure < since || is_there || !error_px.is_finite() {
             return;
@@ -158,6 +160,7 @@ impl<const N: usize> LookAndMove<N> {
         let found = search.next(&self.cell)?;
         self.phase = if found.is_ok() { Phase::Moving } else { Phase::NoPosture };
         self.motions = self.motions.saturating_add(1);
+        self.has_moved = true;
         found.ok()
     }
 
@@ -236,6 +239,11 @@ mod tests {
         task.note_arm(MonoNs(500 * MS), ControlState::Waiting, true);
         assert_eq!(seen(&mut task, 480), None, "held meanwhile: an old view");
         assert!(seen(&mut task, 520).is_some());
+        task.arrived();
+        task.note_arm(MonoNs(600 * MS), ControlState::Held, true);
+        task.note_arm(MonoNs(700 * MS), ControlState::Waiting, true);
+        task.look(&measurement(720, &X_DO, 0.0), 0.04, &q, &goal);
+        assert!(task.next_waypoint().is_some(), "started anew at the goal: control serves by a motion alone");
     }
 
     /// What it waits for when its time is over: frames, light, the target, or a better description.

@@ -31,6 +31,7 @@ pub enum DegenerateMotion {
 #[must_use]
 pub fn degenerate_motion(pairs: &[Conjugates], rms: f64, sd: f64) -> Option<DegenerateMotion> {
     let R_12 = turn_of(pairs)?;
+    let rms = rms * freedom(pairs.len());
     if turn_error(&R_12, pairs) <= AS_WELL_BY_TURN * rms + EXACT {
         return Some(DegenerateMotion::Turn(UnitQuaternion::from_matrix(&R_12)));
     }
@@ -44,6 +45,12 @@ pub fn degenerate_motion(pairs: &[Conjugates], rms: f64, sd: f64) -> Option<Dege
     let mut refined: Vec<_> = refined.collect();
     refined.sort_by(|a, b| a.rms.total_cmp(&b.rms));
     (!refined.is_empty()).then_some(DegenerateMotion::Plane(refined))
+}
+
+/// By how much the five numbers of a displacement take more of the error of `pairs` than the three of a rotation do.
+fn freedom(pairs: usize) -> f64 {
+    let n = pairs.max(6) as f64;
+    f64::sqrt(n / (n - 5.0) * (2.0 * n - 3.0) / (2.0 * n))
 }
 
 /// The rotation of camera 2 in camera 1 that brings the rays of the images together best.

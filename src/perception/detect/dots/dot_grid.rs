@@ -73,6 +73,8 @@ pub(super) struct Lattice {
     map: Vec<u32>,
     pairs: Vec<Correspondence>,
     present: Vec<bool>,
+    /// Dots of a grid beside the one that was found.
+    another: Vec<(u32, Blob)>,
     /// Radius of the dots of the last grid of equal dots, m.
     radius_m: Option<f64>,
 }
@@ -97,6 +99,7 @@ impl Lattice {
             map: vec![0; SIDE * SIDE],
             pairs: Vec::with_capacity(most),
             present: vec![false; grid.points().len()],
+            another: Vec::with_capacity(most),
             radius_m: None,
         }
     }
@@ -120,7 +123,7 @@ impl Lattice {
         found.len() >= 5 && others(|p| p.0) && others(|p| p.1)
     }
 
-    /// The regions that are dots of the grid, with their ids, rising.
+    /// The regions that are dots of the grid, with their ids, rising. A grid of which some dot is there twice is ambiguous; what a cover leaves of one grid in two parts is not.
     pub(super) fn find(
         &mut self,
         candidates: &[(f64, Blob)],
@@ -130,6 +133,8 @@ impl Lattice {
         self.place(candidates);
         let mut reason = TargetStatus::NoMatch;
         let mut left = self.max_walked();
+        let mut another = std::mem::take(&mut self.another);
+        let mut found_radius_m = None;
         for seed in 0..self.points.len() {
             if self.taken.get(seed) != Some(&false) {
                 continue;
@@ -137,15 +142,29 @@ impl Lattice {
             let enough = self.walk(seed, candidates);
             left = left.saturating_sub(self.walked);
             if enough {
-                match self.identify(candidates, chosen) {
-                    Ok(()) => return Ok(()),
-                    Err(TargetStatus::Ambiguous) => reason = TargetStatus::Ambiguous,
-                    Err(_) => {}
+                let is_first = chosen.is_empty();
+                let dots = if is_first { &mut *chosen } else { &mut another };
+                match self.identify(candidates, dots) {
+                    Ok(()) if is_first => found_radius_m = Some(self.radius_m),
+                    Ok(()) if share_an_id(chosen, &another) => {
+                        (found_radius_m, reason) = (None, TargetStatus::Ambiguous);
+                        break;
+                    }
+                    Err(TargetStatus::Ambiguous) if is_first => reason = TargetStatus::Ambiguous,
+                    _ => {}
+                }
+                if found_radius_m.is_none() {
+                    chosen.clear();
                 }
             }
             if left == 0 {
                 break;
             }
+        }
+        self.another = another;
+        if let Some(radius_m) = found_radius_m {
+            self.radius_m = radius_m;
+            return Ok(());
         }
         chosen.clear();
         Err(reason)
@@ -231,6 +250,11 @@ impl Lattice {
         }
         radius < 0.5
     }
+}
+
+/// Whether some id is in both lists, in which ids rise.
+fn share_an_id(one: &[(u32, Blob)], other: &[(u32, Blob)]) -> bool {
+    other.iter().any(|(id, _)| one.binary_search_by_key(id, |(known, _)| *known).is_ok())
 }
 
 /// Factor by which a homography enlarges areas at `r`: the determinant of its derivative.
