@@ -13,6 +13,8 @@
 //! `shutdown` go by the stop word, which nothing can hold up.
 
 mod answer;
+#[cfg(test)]
+mod fake_control;
 mod own_requests;
 mod program;
 mod reach;

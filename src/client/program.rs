@@ -10,6 +10,8 @@
 mod command;
 mod examination;
 mod expected;
+#[cfg(test)]
+mod on_fault_tests;
 
 use super::{Client, RunAnswer, WaitFor, wait};
 use crate::config::{Program, ProgramGoal, ProgramStep, StepAction, TargetGoal};
@@ -19,7 +21,7 @@ use crate::process::{ProcessError, StopFlag};
 use crate::rt::now;
 use crate::time::{MonoNs, SpanNs};
 use command::RunningCommand;
-use expected::{Expected, another_goal};
+use expected::{Expected, KnownEnd, another_goal};
 
 /// How a program ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -49,6 +51,15 @@ pub struct ProgramEnd {
 enum StepEnd {
     Ended(ProgramOutcome, String),
     Error(ProcessError),
+}
+
+impl std::fmt::Display for StepEnd {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Ended(_, reason) => f.write_str(reason),
+            Self::Error(error) => error.fmt(f),
+        }
+    }
 }
 
 impl From<ProcessError> for StepEnd {
@@ -97,6 +108,8 @@ struct Runner<'a> {
     tell: &'a mut dyn FnMut(&str),
     expected: Expected,
     own: ProgramMotion,
+    /// What led to `[[on_fault]]`, while it lasts: the steps there that move nothing are done in spite of it.
+    known: Option<KnownEnd>,
     /// The step that is done.
     at: String,
 }
@@ -113,10 +126,10 @@ impl Client {
     ) -> Result<ProgramEnd, ProcessError> {
         examination::examine(self, program)?;
         let (expected, own) = (Expected::Anything, ProgramMotion::default());
-        let mut runner = Runner { client: self, tell, expected, own, at: String::new() };
+        let mut runner = Runner { client: self, tell, expected, own, known: None, at: String::new() };
         let end = runner.all(&program.steps, None);
         let step = runner.at.clone();
-        let end = match end {
+        let mut end = match end {
             Ok(()) => {
                 return Ok(ProgramEnd {
                     outcome: ProgramOutcome::Done,
@@ -127,17 +140,18 @@ impl Client {
             Err(end) => end,
         };
         let mut holds = true;
-        if let StepEnd::Ended(ProgramOutcome::Failed | ProgramOutcome::Fault, reason) = &end
+        if let StepEnd::Ended(ProgramOutcome::Failed | ProgramOutcome::Fault, reason) = &mut end
             && !program.on_fault.is_empty()
         {
             (runner.tell)(&format!("{step}: failed: {reason}; on_fault"));
-            runner.expected = Expected::Anything;
-            holds = runner.all(&program.on_fault, None).is_err();
+            let failure = runner.on_fault(&program.on_fault);
+            holds = failure.is_err();
+            if let Err(why) = failure {
+                *reason = format!("{reason}; on_fault failed at {}: {why}", runner.at);
+            }
         }
-        let client = self.clone().interrupted_by(StopFlag::default());
-        if holds && client.status().is_ok_and(|status| runner.own.is_that_of(&status)) {
-            // What holds already, or has a fault, refuses it.
-            let _ = client.hold();
+        if holds {
+            runner.hold_own();
         }
         match end {
             StepEnd::Ended(outcome, reason) => Ok(ProgramEnd { outcome, step, reason }),
@@ -151,6 +165,29 @@ impl Runner<'_> {
         steps.iter().try_for_each(|step| self.one(step, until))
     }
 
+    /// Does the steps of `[[on_fault]]`, with the arm at rest unless they move it themselves.
+    fn on_fault(&mut self, steps: &[ProgramStep]) -> Result<(), StepEnd> {
+        self.hold_own();
+        self.expected = Expected::Anything;
+        self.known = KnownEnd::of(&self.client.status());
+        self.all(steps, None)
+    }
+
+    /// Holds the arm, if what it does is the program's own.
+    fn hold_own(&mut self) {
+        let client = self.client.clone().interrupted_by(StopFlag::default());
+        let in_fault = |status: &RunAnswer| status.state == ControlState::Fault.as_str();
+        if !client.status().is_ok_and(|status| self.own.is_that_of(&status) && !in_fault(&status)) {
+            return;
+        }
+        // An arm that was never started refuses it, and stands.
+        if let Ok(answer) = client.hold()
+            && answer.accepted
+        {
+            self.own = ProgramMotion { request: answer.motion_request, is_unanswered: false };
+        }
+    }
+
     fn one<'p>(&mut self, step: &'p ProgramStep, outer: Option<Deadline<'p>>) -> Result<(), StepEnd> {
         self.at.clone_from(&step.key);
         in_time(outer)?;
@@ -160,6 +197,9 @@ impl Runner<'_> {
             .then(|| Deadline { at: now() + SpanNs::from_s(step.timeout_s), of: &step.key });
         let until = outer.into_iter().chain(own).min_by_key(|deadline| deadline.at);
         (self.tell)(&format!("{}: {}", step.key, words(&step.action)));
+        if matches!(step.action, StepAction::Goto(..) | StepAction::Servo(..)) {
+            self.known = None;
+        }
         if step.action != StepAction::Reset {
             self.look()?;
         }
@@ -200,7 +240,7 @@ impl Runner<'_> {
                     }
                     self.rest(until)?;
                 }
-                self.expected = Expected::Anything;
+                (self.expected, self.known) = (Expected::Anything, None);
             }
         }
         Ok(())
@@ -293,8 +333,10 @@ impl Runner<'_> {
     ) -> Result<(), StepEnd> {
         let mut told = String::new();
         loop {
-            let status = self.client.status()?;
-            let (judged, over) = (self.expected.judge(&status), over(&status));
+            let answer = self.client.status();
+            let judged = self.judge(&answer);
+            let status = answer?;
+            let over = over(&status);
             if let Some(Ok(())) = over
                 && (by_anybody || judged.is_ok())
             {
@@ -322,8 +364,22 @@ impl Runner<'_> {
     }
 
     /// Looks whether the run is as the program expects it.
-    fn look(&self) -> Result<(), StepEnd> {
-        self.expected.judge(&self.client.status()?)
+    fn look(&mut self) -> Result<(), StepEnd> {
+        let answer = self.client.status();
+        let judged = self.judge(&answer);
+        match answer {
+            Err(error) if self.known.is_none() => Err(error.into()),
+            _ => judged,
+        }
+    }
+
+    /// Judges an answer of the run, unless it tells what is known already.
+    fn judge(&mut self, answer: &Result<RunAnswer, ProcessError>) -> Result<(), StepEnd> {
+        self.known = self.known.and_then(|known| known.still(KnownEnd::of(answer)?));
+        match answer {
+            Ok(status) if self.known.is_none() => self.expected.judge(status),
+            _ => Ok(()),
+        }
     }
 }
 

@@ -156,6 +156,7 @@ fn a_program_ends_where_a_step_fails_or_somebody_stops_it() {
     let (code, printed, told) = done(&daemon, &written(&folder, text));
     assert_eq!((code, printed.as_str()), (Some(5), "sorry\n"), "{told}");
     assert!(told.contains("failed at steps[1]: `false` ended with exit status: 1"), "{told}");
+    daemon.wait_for("held");
     // What takes too long; without on_fault the arm holds.
     let text = "[[steps]]\nservo = \"present\"\ntimeout_s = 60\n[[steps]]\ncall = [\"sleep\", \"1000\"]\ntimeout_s = 0.3\n";
     let (code, _, told) = done(&daemon, &written(&folder, text));
@@ -196,9 +197,10 @@ fn a_fault_leads_to_what_the_program_has_for_it() {
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/config/pan_tilt.toml");
     let set = ["--set", "scene.arm.friction_scale=6.0", "--set", "safety.max_tracking_error_rad_or_m=0.0002"];
     let daemon = Daemon::start("do-fault", &[&[file, "--clock", "lockstep"], &set[..]].concat());
-    let text = "[[steps]]\nservo = \"present\"\n[[on_fault]]\nreset = true\n";
-    let (code, _, told) = done(&daemon, &written(&folder, text));
-    assert_eq!(code, Some(4), "{told}");
+    let text = "[[steps]]\nservo = \"present\"\n[[on_fault]]\ncall = [\"echo\", \"before\"]\n\
+                [[on_fault]]\nreset = true\n[[on_fault]]\ncall = [\"echo\", \"after\"]\n";
+    let (code, printed, told) = done(&daemon, &written(&folder, text));
+    assert_eq!((code, printed.as_str()), (Some(4), "before\nafter\n"), "{told}");
     assert!(told.contains("fault at steps[0]") && told.contains("max_tracking_error"), "{told}");
     wait_until("the fault to be cleared", || daemon.state() == "idle");
     daemon.accepts("shutdown");

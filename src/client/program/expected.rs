@@ -3,6 +3,7 @@
 use super::{RunAnswer, StepEnd, stopped};
 use crate::client::ProgramOutcome;
 use crate::messages::ControlState;
+use crate::process::ProcessError;
 
 /// What a program has the arm do, with the numbers of the goal and of the request that it goes by.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -45,6 +46,35 @@ impl Expected {
             Self::Servoing { goal, .. } if goal != status.goal => another_goal(status),
             _ if request != status.motion_request => by_somebody("taken over"),
             _ => Ok(()),
+        }
+    }
+}
+
+/// What led to `[[on_fault]]`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum KnownEnd {
+    /// A fault, by its words; they may come a moment after the state.
+    Fault(Option<&'static str>),
+    RunEnded,
+}
+
+impl KnownEnd {
+    /// What an answer of the run tells of it; `None` where the run goes on without a fault.
+    pub(super) fn of(answer: &Result<RunAnswer, ProcessError>) -> Option<Self> {
+        match answer {
+            Ok(status) => (status.state == ControlState::Fault.as_str()).then_some(Self::Fault(status.fault)),
+            Err(ProcessError::NobodyThere(_)) => Some(Self::RunEnded),
+            Err(_) => None,
+        }
+    }
+
+    /// The same, where `now` is no other one.
+    pub(super) fn still(self, now: Self) -> Option<Self> {
+        match (self, now) {
+            (Self::Fault(known), Self::Fault(told)) if known.is_none() || told.is_none() || known == told => {
+                Some(Self::Fault(told.or(known)))
+            }
+            _ => (self == now).then_some(self),
         }
     }
 }
