@@ -143,7 +143,7 @@ impl Client {
         let end = self.ask(py, move |core| core.wait(what, timeout_s))?;
         match end.status {
             Some(status) if end.is_reached => Ok(Status::of_answer(&status)),
-            _ => Err(NotReached::new_err(format!("{what} was not reached: {}", end.reason))),
+            _ => Err(NotReached::new_err(end.in_vain(what))),
         }
     }
 

@@ -152,7 +152,7 @@ fn told(answer: &RunAnswer, as_json: bool) -> u8 {
 fn told_wait(what: WaitFor, end: &WaitEnd, as_json: bool) -> u8 {
     let exit_code = if end.is_reached { 0 } else { in_vain() };
     if !end.is_reached {
-        tell(format_args!("vservo: {what} was not reached: {}", printable(&end.reason)));
+        tell(format_args!("vservo: {}", printable(&end.in_vain(what))));
     }
     match &end.status {
         _ if as_json => shown(&json(end), exit_code),

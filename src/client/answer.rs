@@ -5,7 +5,9 @@ use crate::control::lifecycle::{Refusal, Request};
 use crate::control::safety::Fault;
 use crate::input::printable;
 use crate::ipc::{Instance, Role};
-use crate::messages::{CameraState, ControlAnswer, ControlState, RobotState, TargetStatus, answer_flag};
+use crate::messages::{
+    CameraState, ControlAnswer, ControlState, RobotState, Status, TargetStatus, answer_flag,
+};
 use crate::report::summary::ContactReport;
 use serde::Serialize;
 use std::borrow::Cow;
@@ -163,6 +165,26 @@ impl RunAnswer {
             q_rad_or_m: Vec::new(),
             qd_rad_s_or_m_s: Vec::new(),
             goal_points: Vec::new(),
+        }
+    }
+
+    /// The same with a later status of the run, which has no words for a fault.
+    pub(super) fn with(self, told: &Status) -> Self {
+        let known = |x: f64| Some(x).filter(|x| x.is_finite());
+        let state = ControlState::from_code(told.state);
+        let at_goal_s = known(told.at_goal_s).filter(|_| state == ControlState::Servoing);
+        Self {
+            state: state.as_str(),
+            target: Some(TargetStatus::from_code(told.target).as_str()),
+            tick: Some(told.tick),
+            time_s: Some(told.time_s),
+            goal: Some(told.goal),
+            at_goal: Some(at_goal_s.is_some()),
+            at_goal_s,
+            feature_error_px: known(told.feature_error_px),
+            position_error_m: known(told.position_error_m),
+            orientation_error_rad: known(told.orientation_error_rad),
+            ..self
         }
     }
 

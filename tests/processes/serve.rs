@@ -239,6 +239,33 @@ fn a_run_that_is_not_served_takes_orders_too_and_ends_by_a_stop() {
 }
 
 #[test]
+fn a_wait_beside_a_run_hears_how_that_ended() {
+    for (set, code) in [("seed=1", Some(0)), ("run.duration_s=1.0", Some(5))] {
+        let instance = Instance::new("serve-wait");
+        let mut run = vservo()
+            .args(["run", "--instance", &instance.name, "--set", set])
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let ctl = |what: &[&str]| {
+            vservo().arg("ctl").args(what).args(["--instance", &instance.name]).output().unwrap()
+        };
+        wait_until("the run to answer", || ctl(&["status"]).status.success());
+        let end = ctl(&["wait", "converged"]);
+        let told = String::from_utf8_lossy(&end.stderr);
+        assert_eq!(end.status.code(), code, "{told}");
+        assert_eq!(
+            told.contains("was not reached: the run has ended in the state"),
+            code != Some(0),
+            "{told}"
+        );
+        assert_eq!(run.wait().unwrap().code(), code);
+        instance.assert_gone();
+    }
+}
+
+#[test]
 fn nobody_there_is_told_and_leaves_nothing() {
     let instance = Instance::new("serve-nobody");
     let output = vservo().args(["ctl", "status", "--instance", &instance.name]).output().unwrap();
