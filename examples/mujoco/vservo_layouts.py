@@ -24,6 +24,7 @@ SERVICE_DRIVE_TEXT = "drive/text"  # DriveText
 class AnswerFlag(enum.IntFlag):
     SERVED = 1  # The run serves requests, and ends on request.
     CLEARING = 2  # A reset was accepted, and waits until the robot has cleared its error.
+    HELD_BY_CONTROL = 4  # Control holds the arm itself, since camera or vision was lost and the start is manual: until the next request that moves or stops it.
 
 
 class DriveFlag(enum.IntFlag):

@@ -13,6 +13,9 @@ use serde::Serialize;
 use std::borrow::Cow;
 use std::fmt::Write as _;
 
+/// What control holds the arm for by itself.
+const LOST: &str = "camera or vision was lost, and safety.resume is \"manual\"";
+
 /// An answer; what is unknown is `None`, `null` in JSON.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RunAnswer {
@@ -36,6 +39,8 @@ pub struct RunAnswer {
     pub robot_text: Option<String>,
     /// What a reset that was accepted waits for.
     pub waits_for: Option<&'static str>,
+    /// What control itself holds the arm for, where no client has asked for that.
+    pub held_for: Option<&'static str>,
     /// What touches the arm, or stopped it where that fault stands.
     pub contact: Option<ContactReport>,
     /// What the last measurement showed of the target.
@@ -105,6 +110,8 @@ impl RunAnswer {
             robot_text: Some(a.robot_text()).filter(|words| !words.is_empty()),
             waits_for: (a.flags & answer_flag::CLEARING != 0)
                 .then(|| waits_for(RobotState::from_code(a.robot_state))),
+            held_for: (a.flags & answer_flag::HELD_BY_CONTROL != 0 && a.state == ControlState::Held as u32)
+                .then_some(LOST),
             contact: contact_of(instance, a),
             target: Some(TargetStatus::from_code(a.target).as_str()),
             camera: Some(CameraState::from_code(a.camera_state))
@@ -144,6 +151,7 @@ impl RunAnswer {
             robot_code: None,
             robot_text: None,
             waits_for: None,
+            held_for: None,
             contact: None,
             target: None,
             camera: None,
@@ -191,6 +199,9 @@ impl RunAnswer {
     /// The state with the fault in words.
     #[must_use]
     pub fn state_in_words(&self) -> String {
+        if let Some(why) = self.held_for {
+            return format!("{} ({why}; `vservo ctl start` goes on)", self.state);
+        }
         match (self.fault, self.waits_for) {
             (None, _) => match self.unseen() {
                 Some(target) if self.state == ControlState::Teaching.as_str() => {

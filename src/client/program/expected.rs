@@ -1,6 +1,6 @@
 //! What a program has the arm do, so that a request of somebody else is seen.
 
-use super::{RunAnswer, StepEnd, stopped};
+use super::{RunAnswer, StepEnd, failed, stopped};
 use crate::client::ProgramOutcome;
 use crate::messages::ControlState;
 use crate::process::ProcessError;
@@ -41,7 +41,10 @@ impl Expected {
         };
         match self {
             _ if is(Idle) || is(Stopping) || is(Stopped) => by_somebody("stopped"),
-            Self::Servoing { .. } if is(Held) => by_somebody("held"),
+            Self::Servoing { .. } if is(Held) => match status.held_for {
+                Some(why) => failed(format!("control holds the arm: {why}")),
+                None => by_somebody("held"),
+            },
             Self::Standing { .. } if is(Servoing) => by_somebody("started"),
             Self::Servoing { goal, .. } if goal != status.goal => another_goal(status),
             _ if request != status.motion_request => by_somebody("taken over"),
@@ -141,5 +144,17 @@ mod tests {
             assert!(why.contains(word), "{expected:?}: {why}");
             assert_eq!(told(Expected::Anything, &bad), None);
         }
+    }
+
+    #[test]
+    fn a_hold_of_control_itself_is_nobody_elses() {
+        let expected = Expected::Servoing { request: Some(5), goal: Some(2) };
+        let held = RunAnswer { state: ControlState::Held.as_str(), motion_request: Some(6), ..answer() };
+        assert!(told(expected, &held).unwrap().contains("held by somebody else"));
+        let lost = RunAnswer { held_for: Some("vision was lost"), ..held };
+        let Err(StepEnd::Ended(ProgramOutcome::Failed, why)) = expected.judge(&lost) else {
+            panic!("{lost:?}")
+        };
+        assert_eq!(why, "control holds the arm: vision was lost");
     }
 }

@@ -143,6 +143,9 @@ fn why_late(state: ControlState, measurements: &MeasurementLog, points: PointKin
             NO_PAIR
         }
         (ControlState::Holding | ControlState::Returning, _) => "run.duration_s is over: the target was lost",
+        (ControlState::Held, _) => {
+            "run.duration_s is over: the arm was held, on request or since camera or vision was lost (safety.resume = \"manual\"), and nobody started it again"
+        }
         _ => "run.duration_s is over before the goal was reached",
     }
 }
@@ -232,6 +235,15 @@ mod tests {
         assert!(reason(&log).contains("the target was lost"));
         log.note(&found, Some(MeasurementVerdict::NotNewer), 1.0, &mut Events::default());
         assert!(reason(&log).contains("that had come before"), "{}", reason(&log));
+    }
+
+    #[test]
+    fn an_arm_that_was_held_is_told() {
+        let mut log = MeasurementLog::new();
+        let found = Measurement { status: TargetStatus::Found as u32, ..Measurement::default() };
+        log.note(&found, Some(MeasurementVerdict::Used), 1.0, &mut Events::default());
+        let reason = time_is_up(true, ControlState::Held, None, (&log, PointKind::Dots)).reason;
+        assert!(reason.contains("the arm was held"), "{reason}");
     }
 
     #[test]

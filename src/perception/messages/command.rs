@@ -244,6 +244,8 @@ named_codes! {
         pub const SERVED: u32 = 1;
         /// A reset was accepted, and waits until the robot has cleared its error.
         pub const CLEARING: u32 = 2;
+        /// Control holds the arm itself, since camera or vision was lost and the start is manual: until the next request that moves or stops it.
+        pub const HELD_BY_CONTROL: u32 = 4;
     }
 }
 

@@ -62,6 +62,11 @@ impl RequestOrigin {
         }
     }
 
+    /// Whether control asks itself, which it does to hold an arm whose camera or vision was lost.
+    fn is_control(&self) -> bool {
+        matches!(self, Self::Companion(_))
+    }
+
     fn answer(self, answer: &ControlAnswer) {
         if let Self::Client(asked) = self {
             asked.answer(answer);
@@ -291,6 +296,8 @@ impl Commands {
         let decides = ![Request::Goal, Request::Set].iter().any(|request| command.request == *request as u32);
         if refusal == 0 && decides {
             self.standing.motion_request = number;
+            self.standing.flags &= !answer_flag::HELD_BY_CONTROL;
+            self.standing.flags |= if asked.is_control() { answer_flag::HELD_BY_CONTROL } else { 0 };
         }
         // A reset that was accepted and is not done waits for the robot.
         let waits =
@@ -340,6 +347,29 @@ mod tests {
         };
         assert_eq!(fault(ControlState::Fault), (15, 2));
         assert_eq!(fault(ControlState::Idle), (0, 0));
+    }
+
+    #[test]
+    fn a_hold_of_control_itself_is_told_until_the_next_request() {
+        let instance: Instance = format!("u-own-hold-{}", std::process::id()).parse().unwrap();
+        let services = Services::join(&instance).unwrap();
+        let mut commands = Commands::new(services.command_server().unwrap(), true);
+        let client = services.command_client().unwrap();
+        let answered =
+            |number, state| Answered { number, refusal: None, state, tick: 1, stamp: MonoNs::ZERO };
+        let is_told = |commands: &Commands| commands.standing().flags & answer_flag::HELD_BY_CONTROL != 0;
+        commands.standing.state = ControlState::Servoing as u32;
+        commands.hold();
+        let asked = commands.next(|_| Ok(())).unwrap();
+        assert_eq!(asked.request, Request::Hold);
+        commands.answer(&answered(asked.number, ControlState::Held)).unwrap();
+        assert!(is_told(&commands));
+        for (request, stays) in [(Request::Set, true), (Request::Start, false)] {
+            let _pending = client.ask(ControlCommand::of(request as u32)).unwrap();
+            let asked = commands.next(|_| Ok(())).unwrap();
+            commands.answer(&answered(asked.number, ControlState::Held)).unwrap();
+            assert_eq!(is_told(&commands), stays, "{request:?}");
+        }
     }
 
     /// Two that ask in turn, each while the other is answered.
