@@ -23,6 +23,7 @@ impl Drop for FakeControl {
     fn drop(&mut self) {
         self.ended.request();
         self.thread.take().unwrap().join().unwrap();
+        self.instance.remove_leftovers(None);
     }
 }
 

@@ -370,6 +370,8 @@ mod tests {
             commands.answer(&answered(asked.number, ControlState::Held)).unwrap();
             assert_eq!(is_told(&commands), stays, "{request:?}");
         }
+        drop((commands, client, services));
+        instance.remove_leftovers(None);
     }
 
     /// Two that ask in turn, each while the other is answered.
