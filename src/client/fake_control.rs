@@ -35,19 +35,23 @@ impl FakeControl {
         let ended = StopFlag::default();
         let (tell, begun) = std::sync::mpsc::channel();
         let shared = (instance.clone(), Arc::clone(&standing), Arc::clone(&last), ended.clone());
-        let thread = std::thread::spawn(move || {
-            let (instance, standing, last, ended) = shared;
-            let _role = instance.lock(Role::Control).unwrap();
-            let services = Services::join(&instance).unwrap();
-            let (server, statuses) = (services.command_server().unwrap(), services.status_sender().unwrap());
-            tell.send(()).unwrap();
-            while !ended.is_requested() {
-                answer_all(&server, &standing);
-                std::thread::sleep(Duration::from_millis(1));
-            }
-            let last: Option<Status> = last.lock().unwrap().take();
-            last.iter().for_each(|status| statuses.send_quietly(status).unwrap());
-        });
+        let thread = std::thread::Builder::new()
+            .name("fake-control".into())
+            .spawn(move || {
+                let (instance, standing, last, ended) = shared;
+                let _role = instance.lock(Role::Control).unwrap();
+                let services = Services::join(&instance).unwrap();
+                let (server, statuses) =
+                    (services.command_server().unwrap(), services.status_sender().unwrap());
+                tell.send(()).unwrap();
+                while !ended.is_requested() {
+                    answer_all(&server, &standing);
+                    std::thread::sleep(Duration::from_millis(1));
+                }
+                let last: Option<Status> = last.lock().unwrap().take();
+                last.iter().for_each(|status| statuses.send_quietly(status).unwrap());
+            })
+            .unwrap();
         begun.recv().unwrap();
         Self { instance, standing, last, ended, thread: Some(thread) }
     }
@@ -76,10 +80,13 @@ impl FakeControl {
     /// Ends after some looks of a client, and sends this before.
     pub(super) fn end_with(self, status: Option<Status>) -> JoinHandle<()> {
         *self.last.lock().unwrap() = status;
-        std::thread::spawn(move || {
-            std::thread::sleep(Duration::from_millis(400));
-            drop(self);
-        })
+        std::thread::Builder::new()
+            .name("fake-control".into())
+            .spawn(move || {
+                std::thread::sleep(Duration::from_millis(400));
+                drop(self);
+            })
+            .unwrap()
     }
 }
 
