@@ -240,7 +240,7 @@ fn a_run_that_is_not_served_takes_orders_too_and_ends_by_a_stop() {
 
 #[test]
 fn a_wait_beside_a_run_hears_how_that_ended() {
-    for (set, code) in [("seed=1", Some(0)), ("run.duration_s=1.0", Some(5))] {
+    for (set, code) in [("run.duration_s=30.0", Some(0)), ("run.duration_s=1.0", Some(5))] {
         let instance = Instance::new("serve-wait");
         let mut run = vservo()
             .args(["run", "--instance", &instance.name, "--set", set])
