@@ -45,8 +45,8 @@ pub(super) fn ctl(arguments: &CtlArguments) -> Result<u8, ProcessError> {
             return save(&client, path, common.timeout_s.unwrap_or(USUAL_WAIT_S));
         }
         CtlCommand::Goal { file, position_m, rotation_rpy_deg, rotation_xyzw, target } => {
-            // As in a run file: what is more tells no angle any more.
-            if rotation_rpy_deg.is_some_and(|FixedNumbers(rpy)| rpy.iter().any(|angle| angle.abs() > 361.0)) {
+            let is_far = |angle: &f64| angle.abs() > LARGEST_ANGLE_DEG;
+            if rotation_rpy_deg.is_some_and(|FixedNumbers(rpy)| rpy.iter().any(is_far)) {
                 let message = "--rotation-rpy-deg: is out of range, allowed is -361 to 361";
                 return Err(ProcessError::NoCommand(message.into()));
             }
@@ -103,6 +103,9 @@ pub(super) fn ctl(arguments: &CtlArguments) -> Result<u8, ProcessError> {
     }?;
     Ok(told(&answer, common.json))
 }
+
+/// Largest angle of a goal, deg. Chosen by hand, as for run files: a whole turn and rounding; of what is far more rounding leaves no angle.
+const LARGEST_ANGLE_DEG: f64 = 361.0;
 
 fn rotation(rpy_deg: Option<FixedNumbers<3>>, xyzw: Option<FixedNumbers<4>>) -> UnitQuaternion<f64> {
     match (xyzw, rpy_deg) {

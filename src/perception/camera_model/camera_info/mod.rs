@@ -23,9 +23,9 @@ use yaml::Entries;
 /// Longest name of a camera, characters: it comes into messages and files, which it must not fill. Chosen.
 const LONGEST_NAME: usize = 200;
 
-/// Coefficients of OpenCV's rational lens. Source: its documentation of `calibrateCamera`.
+/// Coefficients of OpenCV's rational lens. As many as OpenCV says, in its documentation of `calibrateCamera`.
 const RATIONAL: usize = 8;
-/// The same with a thin prism, and with a tilted sensor too. Source: as before.
+/// The same with a thin prism, and with a tilted sensor too. As OpenCV says there.
 const WITH_PRISM_AND_TILT: [usize; 2] = [12, 14];
 
 /// A calibration file that cannot be used.
