@@ -33,8 +33,11 @@ pub(super) fn verdict(what: WaitFor, a: &RunAnswer) -> Option<Result<(), String>
     }
     use ControlState::{Held, Idle, Stopped, Stopping};
     let stands = [Held, Idle, Stopped, Stopping].into_iter().any(is);
+    // A run that is not served stops to end, and says then whether it came to its goal.
+    let ends = a.served == Some(false) && (is(Stopping) || is(Stopped));
     let needs_motion = matches!(what, WaitFor::Converged | WaitFor::Holding);
-    (needs_motion && stands).then(|| Err(format!("the run is {}: nothing moves it to the goal", a.state)))
+    (needs_motion && stands && !ends)
+        .then(|| Err(format!("the run is {}: nothing moves it to the goal", a.state)))
 }
 
 /// How a wait ended.
@@ -136,7 +139,19 @@ fn after_the_run(
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
+    use crate::client::answer::tests::answer;
     use crate::client::fake_control::FakeControl;
+
+    /// One that is not served stops before it ends; of one that is served a stop is the end of what moves it.
+    #[test]
+    fn a_run_that_stops_to_end_is_waited_for() {
+        let of = |served| {
+            let state = ControlState::Stopping.as_str();
+            verdict(WaitFor::Converged, &RunAnswer { state, served: Some(served), ..answer() })
+        };
+        assert_eq!(of(false), None);
+        assert!(of(true).unwrap().unwrap_err().contains("stopping"));
+    }
 
     /// A run that is not served ends in the tick that converges.
     #[test]
