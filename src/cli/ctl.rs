@@ -4,7 +4,7 @@ use super::ctl_arguments::{CtlArguments, CtlCommand, FixedNumbers, NumberList, S
 use super::do_program::do_program;
 use super::{check_writable, json, shown, write_result};
 use crate::client::{Client, RunAnswer, Setting, USUAL_WAIT_S, WaitEnd, WaitFor};
-use crate::config::GoalFile;
+use crate::config::{ANGLES_DEG, GoalFile};
 use crate::control::outcome::Outcome;
 use crate::geometry::Pose;
 use crate::input::printable;
@@ -45,10 +45,10 @@ pub(super) fn ctl(arguments: &CtlArguments) -> Result<u8, ProcessError> {
             return save(&client, path, common.timeout_s.unwrap_or(USUAL_WAIT_S));
         }
         CtlCommand::Goal { file, position_m, rotation_rpy_deg, rotation_xyzw, target } => {
-            let is_far = |angle: &f64| angle.abs() > LARGEST_ANGLE_DEG;
-            if rotation_rpy_deg.is_some_and(|FixedNumbers(rpy)| rpy.iter().any(is_far)) {
-                let message = "--rotation-rpy-deg: is out of range, allowed is -361 to 361";
-                return Err(ProcessError::NoCommand(message.into()));
+            if rotation_rpy_deg.is_some_and(|FixedNumbers(rpy)| rpy.iter().any(|a| !ANGLES_DEG.contains(a))) {
+                let (low, high) = (ANGLES_DEG.start(), ANGLES_DEG.end());
+                let message = format!("--rotation-rpy-deg: is out of range, allowed is {low} to {high}");
+                return Err(ProcessError::NoCommand(message));
             }
             let client = match target {
                 Some(name) => client.clone().of_target(name)?,
@@ -103,9 +103,6 @@ pub(super) fn ctl(arguments: &CtlArguments) -> Result<u8, ProcessError> {
     }?;
     Ok(told(&answer, common.json))
 }
-
-/// Largest angle of a goal, deg. Chosen by hand, as for run files: a whole turn and rounding; of what is far more rounding leaves no angle.
-const LARGEST_ANGLE_DEG: f64 = 361.0;
 
 fn rotation(rpy_deg: Option<FixedNumbers<3>>, xyzw: Option<FixedNumbers<4>>) -> UnitQuaternion<f64> {
     match (xyzw, rpy_deg) {

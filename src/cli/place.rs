@@ -1,6 +1,7 @@
 //! `vservo place [CONFIG] --out FILE.toml`: a start and a goal for an arm and a target, tried in a simulated run, as a run file.
 
 use super::{PlaceArguments, check_writable, json, shown, write_result};
+use crate::config::ANGLES_DEG;
 use crate::config::Draft;
 use crate::config::SetPointKind;
 use crate::geometry::{Pose, roll_pitch_yaw};
@@ -120,7 +121,8 @@ fn request(arguments: &PlaceArguments) -> Result<PlaceRequest, String> {
         };
         let numbers = numbers.map_err(|_| of("is no list of numbers"))?;
         // The ranges of the run file's keys, since these numbers are written to one.
-        if !numbers.iter().all(|n| n.abs() <= 361.0) || numbers.iter().take(3).any(|m| m.abs() > 100.0) {
+        if !numbers.iter().all(|n| ANGLES_DEG.contains(n)) || numbers.iter().take(3).any(|m| m.abs() > 100.0)
+        {
             return Err(of("is out of range, allowed are 100 m and 361 deg"));
         }
         match *numbers.as_slice() {

@@ -118,8 +118,15 @@ fn after_the_run(
     statuses: Option<&RecordStream<Status>>,
 ) -> WaitEnd {
     let mut status = last;
-    while let Some(Ok(Some(told))) = statuses.map(|statuses| statuses.next(LAST_WORDS_S)) {
-        status = status.with(&told);
+    let until = now() + SpanNs::from_s(LAST_WORDS_S);
+    let next = || statuses?.next((until - now()).as_s().max(0.0)).ok()?;
+    let mut before = 0;
+    // Ticks that begin anew are those of another run in the same place.
+    while let Some(told) = next().filter(|told| now() < until && told.tick >= before) {
+        before = told.tick;
+        if Some(told.tick) >= status.tick {
+            status = status.with(&told);
+        }
     }
     use ControlState::{Converged, Fault, Stopped};
     let is_over = [Converged, Fault, Stopped].iter().any(|state| state.as_str() == status.state);

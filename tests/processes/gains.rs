@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use crate::common::run;
+use crate::common::{run, vservo};
 
 /// Time to 2 % of the first feature error with 80 ms from exposure to use, s; `None` for a run that does not converge.
 fn settling_time_s(update: &str, gain_1_s: f64) -> Option<f64> {
@@ -34,4 +34,18 @@ fn predict_bears_any_gain_where_frame_does_not() {
         assert!(predicted < 0.85 * best_of_frame, "gain {gain}: {predicted} s, frame {best_of_frame} s");
     }
     assert_eq!(settling_time_s("frame", 40.0), None, "a held law cannot bear that");
+}
+
+/// What control believes of the age of an image is what its stamp says: how much more it stands does not depend on when images come. A stamp that lay in the future would be used as if it were now.
+#[test]
+fn the_delay_that_tune_tells_is_none_of_the_stamps() {
+    let margin_ms = |latency_ms: f64| {
+        let latency = format!("camera.latency_ms={latency_ms:?}");
+        let tune = ["tune", "ur5", "servo.gain_1_s=14.0..15.0", "--sweep", "2", "--json", "--set", &latency];
+        let output = vservo().args(tune).output().unwrap();
+        let answer: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        answer["proposals"][0]["delay_margin_ms"].as_f64().unwrap()
+    };
+    let [early, late] = [20.0, 40.0].map(margin_ms);
+    assert!((early - late).abs() < 0.1 * late, "{early} {late} ms");
 }

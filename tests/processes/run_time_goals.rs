@@ -211,6 +211,9 @@ fn an_arm_goes_where_it_is_sent_and_no_farther_than_it_may() {
     );
     assert!(farthest(&[lowered[0], lowered[1], lowered[3]], &[jogged[0], jogged[1], jogged[3]]) < 1e-3);
 
+    let (code, _, told) =
+        ctl(&daemon, &["goal", "--position-m", "0,0,0.5", "--rotation-rpy-deg", "0,0,1e300"]);
+    assert!(code == Some(2) && told.contains("allowed is -361 to 361"), "{code:?} {told}");
     refuses(&daemon, &["goto", "--q", "0,0,0"], "one for each joint");
     refuses(&daemon, &["goto", "--q", "100,0,0,0"], "leave its range");
     refuses(&daemon, &["jog", "--q", "0.5,0,0,0"], "at most");

@@ -13,7 +13,7 @@ use crate::process::ProcessError;
 use crate::stereo::{
     Conjugates, DegenerateMotion, RefinedRelativePose, RelativeConsensus, StereoError, degenerate_motion,
     epipoles, essential_5_point, essential_8_point, fundamental_8_point, fundamental_matrix, plane_motion,
-    plane_motion_consistent, refine_relative, relative_pose, sampson_error2,
+    plane_motion_consistent, refine_relative, relative_pose, sampson_error2, turn_beside_plane,
 };
 use nalgebra::{Matrix3, Vector2, Vector3};
 
@@ -25,8 +25,6 @@ const QUARTER: f64 = std::f64::consts::FRAC_PI_2;
 
 /// Shortest base line over the distance of the plane that a homography tells. Chosen by hand: matrices are written with six decimals.
 const NO_BASE_LINE: f64 = 5e-6;
-/// The error of a homography over that of a displacement that explains the same pairs. Derived: a pair has two numbers instead of one.
-const PLANE_ERROR: f64 = std::f64::consts::SQRT_2;
 const TURNED_ALONE: &str = "the camera turned alone, as far as this shows: there is no base line, and neither its direction nor a plane's normal means anything";
 
 /// How much nearer to a hint the true reading must be than the other, rad. Chosen by hand: a plane's normal is seldom known better than to two degrees.
@@ -82,10 +80,7 @@ fn run(a: &StereoMotionArguments) -> Result<MotionAnswer, Refused> {
                     HomographySolutions { first, second: None }
                 }
             };
-            let turned = matches!(
-                degenerate_motion(&pairs, motion.rms / PLANE_ERROR, sd.unwrap_or(0.0)),
-                Some(DegenerateMotion::Turn(_))
-            );
+            let turned = turn_beside_plane(&pairs, motion.rms).is_some();
             Ok(of_plane("plane", pairs.len(), &motion.H, Some(motion.rms), (&solutions, turned)))
         }
         method => of_points(method, &file.ids, &pairs, sd, cameras).map_err(failed),

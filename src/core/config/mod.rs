@@ -46,6 +46,7 @@ pub use estimation::UNCALIBRATED;
 pub use frame_source::{CameraProgram, ReplayImages, Source, Timing};
 pub use goal_file::{GoalFeature, GoalFile, GoalPose};
 pub use named_goal::{ProgramGoal, TargetGoal};
+pub use pose_forms::DEG as ANGLES_DEG;
 pub use problem::{ConfigError, Problem};
 pub use program::{NamedPlaces, Program, ProgramStep, StepAction};
 pub use raw::{Clock, DriveKind, JointControl, RealtimePolicy, ResumePolicy, SchemeKind, SetPointKind, Task};
@@ -421,9 +422,8 @@ mod tests {
         assert!(warning.contains("(2020.0 ms): the arm holds whenever"), "{warning}");
         let late = ["camera.synthetic.latency_jitter_ms=101"];
         assert_eq!(load(&late).unwrap().warnings.len(), 1, "100 ms of jitter fill up the timeout");
-        assert!(
-            load(&["camera.rate_hz=1", "safety.measurement_timeout_ms=2100"]).unwrap().warnings.is_empty()
-        );
+        let enough = ["camera.rate_hz=1", "safety.measurement_timeout_ms=2100"];
+        assert!(load(&enough).unwrap().warnings.is_empty());
     }
 
     #[test]

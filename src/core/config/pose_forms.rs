@@ -27,7 +27,7 @@ const POSITION: &str = "position_m";
 const ALL: [&str; 5] = [RPY_RAD, RPY_DEG, XYZW, VECTOR_RAD, MATRIX];
 
 /// A turn and some, as for `rotation_rpy_rad`; ranges wider than any use, chosen, so that a slip is reported.
-const DEG: RangeInclusive<f64> = -361.0..=361.0;
+pub const DEG: RangeInclusive<f64> = -361.0..=361.0;
 const RAD: RangeInclusive<f64> = -6.3..=6.3;
 const POSITION_M: RangeInclusive<f64> = -100.0..=100.0;
 /// Tolerance of the norm of a quaternion and of the products of a matrix's columns. Derived: three decimals are off by 5e-4 each, and four

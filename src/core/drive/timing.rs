@@ -104,7 +104,7 @@ impl<const N: usize> Default for RepeatedStates<N> {
 }
 
 impl<const N: usize> RepeatedStates<N> {
-    /// Displacement within a tick below which a state may come again, rad or m. Derived: a thousandth of what the supervision of the joints tells from noise.
+    /// Displacement within a tick below which a state may come again, rad or m. Chosen by hand: a five-hundredth of what a joint goes in a tick of the slowest swing that is told (`control/safety/swing.rs`), so that what a repeated state is off by below it tells nothing.
     const LEAST_WAY: f64 = 1e-6;
 
     /// A tick, with the state of the drive, whose encoders have steps up to `step`, rad or m; whether it came before. A drive that goes on with it is not: its state is what is

@@ -92,12 +92,13 @@ const BEHIND_OBJECT: &str = "the arm follows the object, and the error does not 
                                  whether load, friction and delay of the arm are far from its model";
 
 /// The same where a limit of the arm's speed acts.
-const TOO_SLOW_FOR_OBJECT: &str = "the arm follows the object, and the error does not fall below goal.feature_error_px: a limit of the arm's speed acts                                    (the summary names it, safety.held_by, safety.limited_ticks); raise workspace.camera_speed_m_s, camera_turn_rad_s or flange_speed_m_s where they hold it, \
+const TOO_SLOW_FOR_OBJECT: &str = "the arm follows the object, and the error does not fall below goal.feature_error_px: a limit of the arm's speed acts \
+                                   (safety.held_by and safety.limited_ticks of the summary name it); raise workspace.camera_speed_m_s, camera_turn_rad_s or flange_speed_m_s where they hold it, \
                                    let the object be slower, or allow for the error (goal.feature_error_px)";
 
-/// The share of ticks in which limits of speed act from which on they are what an arm is behind an object by, and over how many ticks it is counted. Chosen by hand: of a swing to and
-/// fro, two thirds of a period are fast; one second is more than the arms need to catch up.
+/// The share of ticks in which limits of speed act from which on they are what an arm is behind an object by. Chosen by hand: behind an object that goes to and fro, limits act in the faster part of each half swing alone.
 const OFTEN: f64 = 0.3;
+/// Over how many ticks that share is a mean. Chosen by hand: in a second the arms have caught up with an object that they can follow.
 const OFTEN_TICKS: f64 = 1000.0;
 
 /// Largest share of K_s e_s that motions of the camera still change at a local minimum, and largest share of the feature error
@@ -331,6 +332,7 @@ mod tests {
         assert_eq!(why(&swings, true, &velocities), Some(BEHIND_OBJECT));
         assert_eq!(why(&slow, true, &velocities), Some(ON_ITS_WAY));
         assert_eq!(seen(&swings, true, &velocities, 1000), Some(TOO_SLOW_FOR_OBJECT));
+        assert!(!TOO_SLOW_FOR_OBJECT.contains("  "), "{TOO_SLOW_FOR_OBJECT}");
         assert_eq!(why(&|t| 124.0 * (-t).exp(), false, &velocities), None);
     }
 

@@ -13,6 +13,8 @@ use nalgebra::{Matrix3, Translation3, UnitQuaternion, Vector3};
 /// times as large, since a pair has two numbers instead of one, that of a rotation, of which both images have noise, twice; half as much again.
 const AS_WELL_BY_PLANE: f64 = 2.0;
 const AS_WELL_BY_TURN: f64 = 3.0;
+/// The error of a homography with noise alone over that of a displacement. Derived: as above.
+const BY_PLANE: f64 = std::f64::consts::SQRT_2;
 /// Errors below this are none, normalized units: rounding of exact images.
 const EXACT: f64 = 1e-9;
 
@@ -30,10 +32,8 @@ pub enum DegenerateMotion {
 /// `sd`: standard deviation of each image coordinate, normalized units; it scales the covariances only.
 #[must_use]
 pub fn degenerate_motion(pairs: &[Conjugates], rms: f64, sd: f64) -> Option<DegenerateMotion> {
-    let R_12 = turn_of(pairs)?;
-    let rms = rms * freedom(pairs.len());
-    if turn_error(&R_12, pairs) <= AS_WELL_BY_TURN * rms + EXACT {
-        return Some(DegenerateMotion::Turn(UnitQuaternion::from_matrix(&R_12)));
+    if let Some(turn) = turn_alone(pairs, AS_WELL_BY_TURN * rms * freedom(pairs.len(), 5.0, 1.0)) {
+        return Some(DegenerateMotion::Turn(turn));
     }
     let plane = plane_motion(pairs).ok().filter(|plane| plane.rms <= AS_WELL_BY_PLANE * rms + EXACT)?;
     let readings = [Some(plane.solutions.first), plane.solutions.second].into_iter().flatten();
@@ -47,10 +47,22 @@ pub fn degenerate_motion(pairs: &[Conjugates], rms: f64, sd: f64) -> Option<Dege
     (!refined.is_empty()).then_some(DegenerateMotion::Plane(refined))
 }
 
-/// By how much the five numbers of a displacement take more of the error of `pairs` than the three of a rotation do.
-fn freedom(pairs: usize) -> f64 {
-    let n = pairs.max(6) as f64;
-    f64::sqrt(n / (n - 5.0) * (2.0 * n - 3.0) / (2.0 * n))
+/// The rotation of a camera that turned alone, as far as pairs show of which a homography leaves the error `rms`, root mean square, normalized units; `None` where a turn explains them less well.
+#[must_use]
+pub fn turn_beside_plane(pairs: &[Conjugates], rms: f64) -> Option<UnitQuaternion<f64>> {
+    turn_alone(pairs, AS_WELL_BY_TURN / BY_PLANE * rms * freedom(pairs.len(), 8.0, 2.0))
+}
+
+/// The rotation that explains `pairs` with at most this error.
+fn turn_alone(pairs: &[Conjugates], most: f64) -> Option<UnitQuaternion<f64>> {
+    let R_12 = turn_of(pairs)?;
+    (turn_error(&R_12, pairs) <= most + EXACT).then(|| UnitQuaternion::from_matrix(&R_12))
+}
+
+/// By how much a model with so many `numbers`, of which a pair has `each` equations, takes more of the error of `pairs` than the three numbers of a rotation do.
+fn freedom(pairs: usize, numbers: f64, each: f64) -> f64 {
+    let n = pairs as f64;
+    f64::sqrt((2.0 * n - 3.0) / (2.0 * n) / (1.0 - numbers / (each * n).max(numbers + 1.0)))
 }
 
 /// The rotation of camera 2 in camera 1 that brings the rays of the images together best.

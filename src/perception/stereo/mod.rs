@@ -35,7 +35,7 @@ pub use absolute_orientation::{
 };
 pub use conjugate::{Conjugate, ConjugateSearch, ConjugateSettings, NoConjugate};
 pub use consensus::{RelativeConsensus, RelativeConsensusPose};
-pub use degenerate::{DegenerateMotion, degenerate_motion};
+pub use degenerate::{DegenerateMotion, degenerate_motion, turn_beside_plane};
 pub use eight_point::{essential_8_point, fundamental_8_point};
 pub use epipolar::{
     Conjugates, epipolar_line_1, epipolar_line_2, epipoles, essential_matrix, fundamental_matrix,

@@ -16,8 +16,8 @@ const BRAKE_1_S: f64 = 8.0;
 /// Speed at which a joint has its whole Coulomb friction, and below which it may be held, rad/s or m/s. Chosen by hand; it must lie above the width over which the
 /// friction model changes its sign, 1e-3 (`robot/model.rs`).
 const MOVES: f64 = 0.05;
-/// The share of what was learnt of a load that may still be wrong while it is learnt. Chosen by hand: of untold loads of 0.3 to 3 kg on the SCARA under C, what the law pulls with against a load that is just
-/// learnt stays below a tenth of it; what holds a joint that is jammed is learnt too, and four fifths of the push on it count.
+/// The share of what was learnt of a load that may still be wrong while it is learnt. Chosen by hand: without it untold loads of 1 to 1.5 kg on scara-c ended as a joint that does not follow, with it
+/// none of 0.5 to 3 kg does; what holds a joint that is jammed is learnt too, and four fifths of the push on it count.
 const LOAD_DOUBT: f64 = 0.2;
 /// Mean time for which a joint under a torque law is assumed to have accelerated, s: its mean speed over the 0.4 s in which joints must
 /// follow (`control/safety/arm.rs`) is, from rest, the acceleration times half of that time.

@@ -20,8 +20,8 @@ use nalgebra::{Matrix6, SMatrix, SVector, Vector6};
 /// Damping within a tick, as share of the inertia, from which on the law cannot be followed tick by tick. Derived: `qd -> (1 - share) qd` overshoots from 1 on and
 /// grows from 2 on; half of the first.
 const TOO_STIFF: f64 = 0.5;
-/// The same within the time in which an acceleration builds up. Chosen by hand: with accelerations of 10 rad/s^2 and jerks of 10 to 500 rad/s^3 the laws of the SCARA's files, which have 0.5 to 1 at 500, swing
-/// ever farther from 100 (C) and from 50 (A) on, with 2.5 to 5 and 5 to 10, and at 200 they do not.
+/// The same within the time in which an acceleration builds up. Chosen by hand: with accelerations of 10 rad/s^2 and jerks of 10 to 500 rad/s^3 the laws of the SCARA's files, which have 0.6 to 1 at 500, swing
+/// ever farther from 100 (C) and from 50 (A) down, with 3 to 5 and 6 to 10, and at 200 they do not.
 const TOO_STIFF_FOR_JERK: f64 = 3.0;
 /// Longest time in which the acceleration of such a law builds up, s: where limits of jerk take longer, less acceleration is used. Chosen by hand: with 0.1 the law of scara-c still
 /// swings away at a jerk of 10 rad/s^3, with 0.05 all nine arms and laws come to their goals.

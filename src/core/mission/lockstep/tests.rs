@@ -232,6 +232,14 @@ fn an_untold_load_is_held_after_a_contact() {
     }
 }
 
+/// A run of a shipped file, with these keys changed, converges.
+fn converges(file: &str, set: &[String]) {
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../config/{file}.toml"));
+    let config = Config::load(Some(&path), set).unwrap();
+    let end = simulate_system(&config, &mut |_| ControlFlow::Continue(())).unwrap();
+    assert_eq!(end.finish.outcome, Outcome::Converged, "{file} {set:?}: {}", end.finish.reason);
+}
+
 /// With less jerk a torque law is slower, and comes to its goal. Other jerks and accelerations than its constants were chosen with.
 #[test]
 fn a_low_jerk_makes_a_torque_law_slow_and_not_loose() {
@@ -242,18 +250,13 @@ fn a_low_jerk_makes_a_torque_law_slow_and_not_loose() {
         ("panda", "position_pd"),
     ] {
         for (jerk, acceleration) in [(8.0, 8.0), (15.0, 10.0), (30.0, 5.0), (75.0, 20.0)] {
-            let path =
-                std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../config/{arm}.toml"));
             let set = [
                 format!("motion.max_jerk_rad_s3_or_m_s3=[{jerk:.1}]"),
                 format!("motion.max_acceleration_rad_s2_or_m_s2=[{acceleration:.1}]"),
                 format!("servo.scheme={scheme}"),
                 "drive.mode=torque".to_owned(),
             ];
-            let config = Config::load(Some(&path), &set).unwrap();
-            let end = simulate_system(&config, &mut |_| ControlFlow::Continue(())).unwrap();
-            let reason = format!("{arm} {jerk} {acceleration}: {}", end.finish.reason);
-            assert_eq!(end.finish.outcome, Outcome::Converged, "{reason}");
+            converges(arm, &set);
         }
     }
 }
@@ -269,19 +272,11 @@ fn states_that_come_twice_are_no_fault_of_the_arm() {
         ("ur5", "torque"),
     ] {
         for (probability, from_s, seed) in [(0.3, 0.0, 1), (0.3, 0.2, 2), (0.5, 0.1, 3)] {
-            let path =
-                std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../config/{arm}.toml"));
-            let set = [
-                format!("drive.mode={mode}"),
-                format!("run.seed={seed}"),
-                format!(
-                    "faults=[{{kind='stale_state',from_s={from_s:.2},duration_s=0.3,probability={probability}}}]"
-                ),
-            ];
-            let config = Config::load(Some(&path), &set).unwrap();
-            let end = simulate_system(&config, &mut |_| ControlFlow::Continue(())).unwrap();
-            let reason = format!("{arm} {mode} {probability} {from_s}: {}", end.finish.reason);
-            assert_eq!(end.finish.outcome, Outcome::Converged, "{reason}");
+            let stale =
+                format!("kind='stale_state',from_s={from_s:.2},duration_s=0.3,probability={probability}");
+            let set =
+                [format!("drive.mode={mode}"), format!("run.seed={seed}"), format!("faults=[{{{stale}}}]")];
+            converges(arm, &set);
         }
     }
 }
@@ -289,12 +284,7 @@ fn states_that_come_twice_are_no_fault_of_the_arm() {
 /// A law of torques pulls for a while against a load that is being learnt, and the joint stands: it is not jammed.
 #[test]
 fn a_load_that_is_being_learnt_jams_no_joint() {
-    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/scara-c.toml");
     for payload in 2..=12 {
-        let payload_kg = 0.25 * f64::from(payload);
-        let set = [format!("drive.simulated.payload_kg={payload_kg}")];
-        let config = Config::load(Some(&path), &set).unwrap();
-        let end = simulate_system(&config, &mut |_| ControlFlow::Continue(())).unwrap();
-        assert_eq!(end.finish.outcome, Outcome::Converged, "{payload_kg} kg: {}", end.finish.reason);
+        converges("scara-c", &[format!("drive.simulated.payload_kg={}", 0.25 * f64::from(payload))]);
     }
 }
