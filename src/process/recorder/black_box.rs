@@ -83,16 +83,15 @@ pub fn keep_the_last(
     loop {
         membership.beat();
         let is_stopped = stop.is_requested();
-        if is_stopped {
-            presence.next_look = now(); // whether control died is looked at once more
-        }
+        // In this order, as in a recording: what control sent before it went is taken after this.
+        let has_control = instance.is_running(Role::Control);
         let is_over = presence.is_over();
         for track in &mut tracks {
             track.take_all()?;
         }
         let time = now();
         let state = tracks.iter().flat_map(KeptServices::taps).find_map(|tap| tap.run_state());
-        watch.look(state, presence.has_control, time);
+        watch.look(state, has_control, time);
         let ends = is_stopped || is_over;
         let why =
             watch.due(time, ends).or((is_stopped && settings.writes_at_stop).then_some("it was asked to"));
@@ -115,25 +114,27 @@ pub fn keep_the_last(
 /// Notices what is to be written down.
 #[derive(Debug, Default)]
 struct FaultWatch {
-    before: RunState,
+    before: Option<RunState>,
+    /// Whether there was a control process, or a trace of it, whose end is not told yet.
     control_ran: bool,
     /// Why, and when.
     due: Option<(&'static str, MonoNs)>,
 }
 
 impl FaultWatch {
-    /// Takes in where the run stands at `time`, and whether there is a control process.
+    /// Takes in where the run stands at `time`, and whether there was a control process just before.
     fn look(&mut self, state: Option<RunState>, has_control: bool, time: MonoNs) {
-        let state = state.unwrap_or(self.before);
-        if state.has_fault && !self.before.has_fault {
+        let had_fault = self.before.is_some_and(|before| before.has_fault);
+        if state.is_some_and(|state| state.has_fault) && !had_fault {
             self.due.get_or_insert((A_FAULT, time + AFTERWARDS));
         }
-        self.before = state;
-        if has_control {
-            self.control_ran = true;
-        } else if std::mem::take(&mut self.control_ran) && !state.is_over {
+        let is_over = state.is_some_and(|state| state.is_over);
+        if !has_control && std::mem::take(&mut self.control_ran) && !is_over {
             self.due.get_or_insert((CONTROL_DIED, time));
         }
+        // One that sent something since that look has come after it.
+        self.control_ran |= has_control || state.map(|s| s.sequence) != self.before.map(|s| s.sequence);
+        self.before = state;
     }
 
     /// Why to write at `time`, once; where it `ends`, at once.
@@ -228,7 +229,7 @@ mod tests {
     const T: MonoNs = MonoNs(5_000_000_000);
 
     fn state(has_fault: bool, is_over: bool) -> Option<RunState> {
-        Some(RunState { has_fault, is_over })
+        Some(RunState { sequence: 7, has_fault, is_over })
     }
 
     #[test]
@@ -255,9 +256,21 @@ mod tests {
             watch.look(state(false, is_over), true, T);
             watch.look(state(false, is_over), false, T);
             assert_eq!(watch.due(T, false), why);
-            watch.look(None, false, T);
+            watch.look(state(false, is_over), false, T);
             assert_eq!(watch.due(T, false), None, "told once");
         }
+    }
+
+    #[test]
+    fn control_that_came_and_went_between_two_looks_died() {
+        let mut watch = FaultWatch::default();
+        watch.look(None, false, T);
+        watch.look(state(false, false), false, T);
+        assert_eq!(watch.due(T, false), None, "it came after the look");
+        watch.look(state(false, false), false, T);
+        assert_eq!(watch.due(T, false), Some("the control process died"));
+        watch.look(state(false, false), false, T);
+        assert_eq!(watch.due(T, false), None, "told once");
     }
 
     #[test]

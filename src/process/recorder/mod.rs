@@ -189,13 +189,11 @@ struct Presence<'a> {
     instance: &'a Instance,
     seen: bool,
     next_look: MonoNs,
-    /// Whether control was there at the last look.
-    has_control: bool,
 }
 
 impl<'a> Presence<'a> {
     fn new(instance: &'a Instance, time: MonoNs) -> Self {
-        Self { instance, seen: false, next_look: time, has_control: false }
+        Self { instance, seen: false, next_look: time }
     }
 
     /// Somebody was there, and nobody is any more.
@@ -205,9 +203,7 @@ impl<'a> Presence<'a> {
             return false;
         }
         self.next_look = time + PRESENCE_PERIOD;
-        self.has_control = self.instance.is_running(Role::Control);
-        let is_there = self.has_control
-            || Role::all().any(|role| !role.only_records() && self.instance.is_running(role));
+        let is_there = Role::all().any(|role| !role.only_records() && self.instance.is_running(role));
         self.seen |= is_there;
         self.seen && !is_there
     }

@@ -29,6 +29,8 @@ pub struct ServiceCount {
 /// Where the run stands, as its last trace says.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct RunState {
+    /// Number of that trace.
+    pub(super) sequence: u64,
     /// Whether it is in a fault.
     pub(super) has_fault: bool,
     /// Whether that trace is the last one.
@@ -94,7 +96,8 @@ impl SequencedRecord for TraceMsg {
     }
 
     fn run_state(&self) -> Option<RunState> {
-        Some(RunState { has_fault: self.fault != 0, is_over: self.flags & trace_flag::LAST != 0 })
+        let is_over = self.flags & trace_flag::LAST != 0;
+        Some(RunState { sequence: self.sequence, has_fault: self.fault != 0, is_over })
     }
 }
 
