@@ -132,8 +132,9 @@ impl FaultWatch {
         if !has_control && std::mem::take(&mut self.control_ran) && !is_over {
             self.due.get_or_insert((CONTROL_DIED, time));
         }
-        // One that sent something since that look has come after it.
-        self.control_ran |= has_control || state.map(|s| s.sequence) != self.before.map(|s| s.sequence);
+        // One that begins to count its traces has come after that look, and may be gone at the next; later numbers may be what a dead one left.
+        let begins = state.is_some_and(|s| self.before.is_none_or(|before| s.sequence < before.sequence));
+        self.control_ran |= has_control || begins;
         self.before = state;
     }
 
@@ -264,13 +265,17 @@ mod tests {
     #[test]
     fn control_that_came_and_went_between_two_looks_died() {
         let mut watch = FaultWatch::default();
+        let trace = |sequence| Some(RunState { sequence, has_fault: false, is_over: false });
         watch.look(None, false, T);
-        watch.look(state(false, false), false, T);
-        assert_eq!(watch.due(T, false), None, "it came after the look");
-        watch.look(state(false, false), false, T);
-        assert_eq!(watch.due(T, false), Some("the control process died"));
-        watch.look(state(false, false), false, T);
-        assert_eq!(watch.due(T, false), None, "told once");
+        for life in 0..2 {
+            watch.look(trace(3), false, T);
+            assert_eq!(watch.due(T, false), None, "{life}: it came after the look");
+            watch.look(trace(8), false, T);
+            assert_eq!(watch.due(T, false), Some("the control process died"), "{life}");
+            watch.look(trace(9), false, T);
+            watch.look(trace(9), false, T);
+            assert_eq!(watch.due(T, false), None, "{life}: what it left is no other one");
+        }
     }
 
     #[test]
