@@ -286,6 +286,14 @@ fn what_may_change_in_a_running_loop_is_set_within_its_bounds() {
     accepts(&daemon, &["set", "tolerance", "0.1"]);
     accepts(&daemon, &["set", "hold", "1"]);
     assert!(converges(&daemon)["at_goal_s"].as_f64().unwrap() >= 1.0);
+    // An arm at its goal is not where a stricter one asks it to be, and has not been there for longer than it has.
+    accepts(&daemon, &["set", "tolerance", "0.000001"]);
+    let (code, _, told) = ctl(&daemon, &["wait", "converged", "--timeout-s", "0.5"]);
+    assert_eq!(code, Some(5), "{told}");
+    accepts(&daemon, &["set", "tolerance", "0.1"]);
+    let held_s = converges(&daemon)["at_goal_s"].as_f64().unwrap() + 5.0;
+    accepts(&daemon, &["set", "hold", &held_s.to_string()]);
+    assert!(converges(&daemon)["at_goal_s"].as_f64().unwrap() >= held_s);
     accepts(&daemon, &["set", "gain", "4"]);
     for (what, value) in
         [("gain", "0"), ("gain", "1000"), ("tolerance", "-1"), ("hold", "100"), ("hold", "nan")]

@@ -63,6 +63,11 @@ impl GoalWatch {
         (self.scatter_px2, self.is_away) = (0.0, false);
     }
 
+    /// It is to be met for another time: since when it is met stays.
+    pub(super) fn hold_anew(&mut self) {
+        (self.met_in_mean, self.reached_since) = (None, None);
+    }
+
     /// Takes in a measurement that came at a time, with its feature error, px, NaN where it has none, and whether the goal is at rest: of `set_point`, within the tolerance
     /// and for the time of `goal`, by a lens with the focal lengths `f_px`.
     pub(super) fn watch(

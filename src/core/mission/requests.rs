@@ -167,8 +167,15 @@ impl<const N: usize> Mission<N> {
             match change {
                 MissionChange::Start => self.watch_goals_anew(),
                 MissionChange::Goal(set_point) => self.set_goal(set_point),
-                MissionChange::Tolerance(px) => self.goal.tolerance_px = px,
-                MissionChange::Hold(hold) => self.goal.hold = hold,
+                // Whether the goal is reached by what is asked for now, nobody has seen yet.
+                MissionChange::Tolerance(px) => {
+                    self.goal.tolerance_px = px;
+                    self.goal_watch.begin_anew();
+                }
+                MissionChange::Hold(hold) => {
+                    self.goal.hold = hold;
+                    self.goal_watch.hold_anew();
+                }
             }
         }
     }

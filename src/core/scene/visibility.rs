@@ -3,7 +3,7 @@
 use crate::camera_model::CameraModel;
 use crate::geometry::Pose;
 use crate::target::{Mark, Sheet, Target};
-use nalgebra::{Point3, Vector2, Vector3};
+use nalgebra::{Point3, UnitQuaternion, Vector2, Vector3};
 use serde::Serialize;
 
 /// The polygons that stand for dots deviate from them by at most this share of the radius: of a dot of 50 px by a tenth of a pixel, so that
@@ -125,7 +125,7 @@ impl Visibility {
         let sight_angle_rad = angles.fold(std::f64::consts::PI, f64::min);
         let front = sheets.iter().any(|sheet| is_front(&(X_CO * sheet.X_OS)));
         let whole = points.iter().filter(|point| point.whole).count();
-        let too_large_px = too_large(&points, camera);
+        let too_large_px = too_large(target, camera, X_CO);
         let needed = target.min_to_find();
         Self { points, front, sight_angle_rad, plate_outside, room_px, whole, needed, too_large_px }
     }
@@ -149,6 +149,12 @@ impl Visibility {
     #[must_use]
     pub fn can_be_found(&self) -> bool {
         self.front && !self.is_edge_on() && self.whole >= self.needed
+    }
+
+    /// Whether it can be found, and nothing of what faces the camera is cut.
+    #[must_use]
+    pub fn is_whole(&self) -> bool {
+        self.can_be_found() && self.points.iter().all(|point| point.whole || point.turned_away)
     }
 
     /// Why the target cannot be found, in words; `None` where it can.
@@ -181,11 +187,18 @@ impl Visibility {
     }
 }
 
-/// Size of the points' box and of the image, px, where the box is wider or higher than the image.
-fn too_large(points: &[PointVisibility], camera: &CameraModel) -> Option<[[f64; 2]; 2]> {
-    let seen = || points.iter().filter(|point| !point.turned_away).filter_map(|point| point.px);
+/// Size of the points' box and of the image, px, where the box is wider or higher than the image though the camera at `X_CO` before the target were turned to its middle:
+/// what is beyond the border for no reason but its place far off the axis is not too large.
+fn too_large(target: &Target, camera: &CameraModel, X_CO: &Pose) -> Option<[[f64; 2]; 2]> {
+    let facing: Vec<_> =
+        target.points().iter().enumerate().filter(|(i, _)| target.is_turned_to_camera(*i, X_CO)).collect();
+    let in_camera = || facing.iter().map(|(_, point)| X_CO * point.p_O);
+    let middle = in_camera().map(|p| p.coords).sum::<Vector3<f64>>();
+    let turn = UnitQuaternion::rotation_between(&middle, &Vector3::z())?;
+    let seen: Vec<Vector2<f64>> =
+        in_camera().filter_map(|p| camera.project(&(turn * p))).map(Into::into).collect();
     let span = |k: usize| {
-        let along = || seen().filter_map(move |px| px.get(k).copied());
+        let along = || seen.iter().filter_map(move |px| px.get(k).copied());
         along().fold(f64::NEG_INFINITY, f64::max) - along().fold(f64::INFINITY, f64::min)
     };
     let (size, i) = ([span(0), span(1)], camera.intrinsics());

@@ -67,6 +67,10 @@ pub(super) struct ReturnWatch<const N: usize> {
     elsewhere: bool,
     /// Whether it was told that nobody knows where the target is.
     told: bool,
+    /// Whether the goal's target is another one than the arm servoed on last, and so may be far from where the arm is.
+    is_other: bool,
+    /// Whether the arm waited for its target already.
+    waited: bool,
 }
 
 impl<const N: usize> ReturnWatch<N> {
@@ -81,7 +85,7 @@ impl<const N: usize> ReturnWatch<N> {
 
     /// What was lost and looked for so far was another target.
     pub(super) fn forget_target(&mut self) {
-        *self = Self { told: self.told, ..Self::default() };
+        *self = Self { told: self.told, is_other: true, ..Self::default() };
     }
 
     pub(super) fn is_searching(&self) -> bool {
@@ -97,6 +101,10 @@ impl<const N: usize> Controller<N> {
     /// Updates the lifecycle by whether the camera `sees` anything, and how far a way back has still to go, rad or m; it was `before` this tick.
     pub(super) fn note_way_back(&mut self, now: MonoNs, before: State, (sees, left): (bool, Option<f64>)) {
         let r = self.returning;
+        // That it was seen on the way of some motion does not say that it is in view where the arm starts.
+        if r.is_other && self.state == State::Waiting && !r.waited {
+            self.servo.look_for_it_again();
+        }
         let is_late = r.since.is_some_and(|since| now - since > LONGEST);
         // An arm that was just started goes nowhere but to its goal, unless that is of another target than what it saw last.
         let may_leave = self.state != State::Waiting || self.servo.looks_for_another();
@@ -137,6 +145,8 @@ impl<const N: usize> Controller<N> {
             has_searched: is_away(self.state) && (r.has_searched || searches),
             elsewhere: r.elsewhere,
             told: lost || (r.told && self.servo.looks_for_another()),
+            is_other: r.is_other && self.state != State::Servoing,
+            waited: self.state == State::Waiting,
         };
     }
 

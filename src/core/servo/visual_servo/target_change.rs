@@ -75,10 +75,15 @@ impl<const N: usize> VisualServo<N> {
         self.sought = self.sought.filter(|_| !verdict.is_used()).map(|misses| misses.saturating_add(1));
     }
 
-    /// Whether a goal of another target was set, of which no measurement was used yet.
+    /// Whether a goal of another target was set, of which no measurement was used yet, or none since it is looked for again.
     #[must_use]
     pub fn looks_for_another(&self) -> bool {
         self.sought.is_some()
+    }
+
+    /// The goal's target is looked for as after its goal was set, until a measurement of it is used.
+    pub fn look_for_it_again(&mut self) {
+        self.sought.get_or_insert(0);
     }
 
     /// Whether the newest measurement says that such a target is out of view, and it was never seen whole: nobody knows where it is.

@@ -101,6 +101,16 @@ pub enum PlaceError {
         /// How many postures.
         tried: usize,
     },
+    /// There are such places, and the limits in space keep the arm from all of them.
+    #[error(
+        "[workspace] keeps the arm from each of the {found} postures that suit; at the best of them, {clearance}: look at its limits, or give --object, --look or --distance-m"
+    )]
+    Excluded {
+        /// How many postures.
+        found: usize,
+        /// What is beyond which limit there.
+        clearance: String,
+    },
     /// From no place near a goal does a run converge.
     #[error("none of {tried} places gives a run that converges; the last one: {reason}")]
     NoRun {
@@ -181,7 +191,9 @@ impl<'a, const N: usize> Search<'a, N> {
         let X_DO = self.desired(request)?;
         let stands = self.stands(request, &X_DO);
         if stands.is_empty() {
-            return Err(PlaceError::Nowhere { tried: stand::POSTURES });
+            return Err(self
+                .excluded(request, &X_DO)
+                .unwrap_or(PlaceError::Nowhere { tried: stand::POSTURES }));
         }
         let mut reason = "there is no start beside it from which the whole target is seen".to_string();
         let tried = stands.len().min(TRIED);
@@ -196,6 +208,15 @@ impl<'a, const N: usize> Search<'a, N> {
         Err(PlaceError::NoRun { tried, reason })
     }
 
+    /// That nothing but limits in space is in the way, where that is so.
+    fn excluded(&self, request: &PlaceRequest, X_DO: &Pose) -> Option<PlaceError> {
+        let space = self.space.as_ref()?;
+        let (arm, config) = (self.arm.clone(), self.config.clone());
+        let stands = Self { arm, config, space: None, ..*self }.stands(request, X_DO);
+        let clearance = space.nearest(&stands.first()?.q)?.describe();
+        Some(PlaceError::Excluded { found: stands.len(), clearance })
+    }
+
     /// The target in its middle and square to the camera, as large in the image as is good.
     fn desired(&self, request: &PlaceRequest) -> Result<Pose, PlaceError> {
         let plate = self.config.target.plate();
@@ -205,7 +226,7 @@ impl<'a, const N: usize> Search<'a, N> {
         let camera = &self.config.camera.model;
         let room_px = |z: f64| {
             let visibility = Visibility::of(&self.config.target, camera, &at(z));
-            if visibility.whole == visibility.points.len() { visibility.room_px } else { f64::NEG_INFINITY }
+            if visibility.is_whole() { visibility.room_px } else { f64::NEG_INFINITY }
         };
         if let Some(distance_m) = request.distance_m {
             if room_px(distance_m) > 0.0 {

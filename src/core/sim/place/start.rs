@@ -91,9 +91,6 @@ impl<const N: usize> Search<'_, N> {
         let free_px = FREE_SHARE * f64::from(i.width_px.min(i.height_px));
         let set_point = crate::servo::SetPoint::from_pose(&stand.X_DO, self.config.set_point.points());
         let error_px = set_point.map_or(0.0, |s| s.error_rms_px_at(&X_CO, &Vector2::new(i.fx_px, i.fy_px)));
-        visibility.front
-            && visibility.whole == visibility.points.len()
-            && visibility.room_px >= free_px
-            && error_px >= MIN_ERROR_PX
+        visibility.is_whole() && visibility.room_px >= free_px && error_px >= MIN_ERROR_PX
     }
 }

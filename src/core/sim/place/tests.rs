@@ -33,6 +33,17 @@ fn arms_of_all_kinds_get_a_place() {
     }
 }
 
+/// Of a body no camera sees more than half.
+#[test]
+fn a_body_is_placed_by_the_faces_that_are_seen() {
+    let text = std::fs::read_to_string("../../config/tag-cube.toml").unwrap();
+    let draft = Draft::parse("tag-cube.toml", &text, Path::new("../../config"), &[]).unwrap();
+    let p = place(&draft, &ANYTHING).unwrap();
+    assert_eq!(p.run.finish.outcome, Outcome::Converged);
+    let goal = p.preflight.goal.unwrap().visibility;
+    assert!(goal.room_px > 20.0 && goal.points.iter().any(|point| point.turned_away));
+}
+
 #[test]
 fn the_same_question_has_the_same_answer() {
     let set = ["robot.model=ur5"];
@@ -61,6 +72,13 @@ fn what_cannot_be_placed_is_told() {
     assert!(matches!(error(&["robot.model=ur5"], &away), PlaceError::Nowhere { .. }));
     let near = PlaceRequest { distance_m: Some(0.05), ..ANYTHING };
     assert!(matches!(error(&["robot.model=ur5"], &near), PlaceError::Distance { .. }));
+    // A floor above the shoulder: no other view helps.
+    let high = ["robot.model=ur5", "workspace.planes=[{name='floor',point_m=[0,0,2.0],normal=[0,0,1]}]"];
+    let excluded = error(&high, &ANYTHING).to_string();
+    assert!(
+        excluded.starts_with("[workspace] keeps the arm from each of") && excluded.contains("floor"),
+        "{excluded}"
+    );
     let unknown = error(&["robot.model=r2d2"], &ANYTHING).to_string();
     assert!(unknown.contains("--set robot.model=r2d2: robot.model: robot `r2d2`"), "{unknown}");
     let wrong = error(&["robot.model=ur5", "servo.gain_1_s=-1"], &ANYTHING).to_string();

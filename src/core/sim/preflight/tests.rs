@@ -203,6 +203,23 @@ fn what_can_be_found_is_found_and_nothing_else() {
     assert!(cut > 20 && found > 200, "{cut} cut, {found} found");
 }
 
+/// Far off the axis the image plane makes anything large; it is too large where it does not fit in the middle either.
+#[test]
+fn a_target_beside_the_view_is_not_too_large() {
+    let config = Config::load(None, &[]).unwrap();
+    let says = |direction: Vector3<f64>, distance_m: f64| {
+        let X_CO = Pose::from_parts((direction.normalize() * distance_m).into(), UnitQuaternion::identity());
+        let visibility = Visibility::of(&config.target, &config.camera.model, &X_CO);
+        visibility.too_large_px.is_some()
+    };
+    let ahead = Vector3::z();
+    for off in [Vector3::x(), Vector3::y(), Vector3::new(-1.0, 1.0, 0.0)] {
+        assert!(!says(ahead * 0.18 + off, 0.6), "80 degrees off: {off:?}");
+        assert!(says(ahead + off * 0.02, 0.1), "too near: {off:?}");
+    }
+    assert!(!says(ahead, 0.6));
+}
+
 /// A payload that is told and that the shoulder cannot hold against gravity: the joint, the place and both numbers.
 #[test]
 fn gravity_beyond_an_effort_limit_is_told() {
