@@ -265,6 +265,7 @@ class Status:
     target_number: int | None
     at_goal: bool
     at_goal_s: float | None
+    stability: float | None
     feature_error_px: float | None
     position_error_m: float | None
     orientation_error_rad: float | None

@@ -35,6 +35,9 @@ pub struct Status {
     /// For how long the goal has been reached and held, s; None where it is not.
     #[pyo3(get)]
     at_goal_s: Option<f64>,
+    /// The stability condition of scheme D at the goal of the run file, unstable at 0 or less; None for other laws.
+    #[pyo3(get)]
+    stability: Option<f64>,
     /// Root mean square feature error, px.
     #[pyo3(get)]
     feature_error_px: Option<f64>,
@@ -61,6 +64,7 @@ impl Status {
             goal: a.goal,
             target_number: a.target_number,
             at_goal_s: a.at_goal_s,
+            stability: a.stability,
             feature_error_px: a.feature_error_px,
             position_error_m: a.position_error_m,
             orientation_error_rad: a.orientation_error_rad,
@@ -82,6 +86,7 @@ impl Status {
             goal: Some(s.goal),
             target_number: Some(s.target_number),
             at_goal_s: known(s.at_goal_s),
+            stability: known(s.stability),
             feature_error_px: known(s.feature_error_px),
             position_error_m: known(s.position_error_m),
             orientation_error_rad: known(s.orientation_error_rad),

@@ -72,6 +72,9 @@ pub struct RunAnswer {
     pub at_goal: Option<bool>,
     /// For how long, s.
     pub at_goal_s: Option<f64>,
+    /// The stability condition of scheme D at the goal of the run file, which `vservo check` tells too: unstable at 0 or less. `None` for other laws, and where nothing
+    /// says what is true.
+    pub stability: Option<f64>,
     /// Root mean square feature error of the last frame that has one, px: an old one where `target` is not `found`.
     pub feature_error_px: Option<f64>,
     /// Distance of the camera from its desired position, m.
@@ -129,6 +132,7 @@ impl RunAnswer {
             target_name: name_of(instance, a.target_number),
             at_goal: Some(at_goal_s.is_some()),
             at_goal_s,
+            stability: known(a.stability),
             feature_error_px: known(a.feature_error_px),
             position_error_m: known(a.position_error_m),
             orientation_error_rad: known(a.orientation_error_rad),
@@ -167,6 +171,7 @@ impl RunAnswer {
             target_name: None,
             at_goal: None,
             at_goal_s: None,
+            stability: None,
             feature_error_px: None,
             position_error_m: None,
             orientation_error_rad: None,
@@ -189,6 +194,7 @@ impl RunAnswer {
             goal: Some(told.goal),
             at_goal: Some(at_goal_s.is_some()),
             at_goal_s,
+            stability: known(told.stability),
             feature_error_px: known(told.feature_error_px),
             position_error_m: known(told.position_error_m),
             orientation_error_rad: known(told.orientation_error_rad),
@@ -304,7 +310,7 @@ fn name_of(instance: &Instance, number: u32) -> Option<String> {
 fn waits_for(state: RobotState) -> &'static str {
     match state {
         RobotState::ProtectiveStop => {
-            "the robot is unlocked, which robots allow some seconds after the stop (5 s, Universal Robots)"
+            "the robot is unlocked, which robots allow some seconds after the stop (5 s, Universal Robots), or its safeguard is closed again"
         }
         RobotState::Halted => "what obeys commands on the robot starts again",
         RobotState::Enabling => "the robot opens its brakes",

@@ -11,7 +11,7 @@ use super::{
     CameraKind, Cell, CellGoal, ExperimentError, FeatureSource, Options, RenderedFeatures, Trajectory,
 };
 use crate::report::chart::same_axes;
-use crate::servo::{Damping, Interaction, Law};
+use crate::servo::{Damping, Interaction, Law, OperationalSpace};
 
 /// K_Ps = k_P I of Problem 10.10, for which the text gives no gains: chosen by hand.
 const SEGMENT_STIFFNESS: f64 = 300.0;
@@ -47,9 +47,19 @@ pub(super) fn comparison(options: &Options<'_>) -> Result<Findings, ExperimentEr
     schemes(options, &SCHEMES)
 }
 
-/// The hybrid scheme alone.
+/// The hybrid scheme alone, by a homography of the form of Example 10.5 as in the comparison, and by any homography of the four points (10.58).
 pub(super) fn example_10_6(options: &Options<'_>) -> Result<Findings, ExperimentError> {
-    schemes(options, &[Scheme::Hybrid])
+    let cell = Cell::textbook()?;
+    (options.progress)("hybrid, by the homography of Example 10.5, then by any");
+    let by_form = run_scheme(&cell, Scheme::Hybrid, &mut source(options)?)?;
+    let mut law = Scheme::Hybrid.law();
+    if let Law::Hybrid { space, .. } = &mut law {
+        *space = OperationalSpace::Six;
+    }
+    let goal = set_point(&cell.X_DO, Scheme::Hybrid.selection())?;
+    let mut controller = SchemeController::new(&cell, law, goal, None);
+    let any = simulate(&cell, "homography", &mut source(options)?, SPAN_S, |frame| controller.control(frame));
+    report(&[by_form, any], &cell.goal()?)
 }
 
 fn schemes(options: &Options<'_>, schemes: &[Scheme]) -> Result<Findings, ExperimentError> {

@@ -115,7 +115,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     },
     Experiment {
         name: "example-10-6",
-        about: "Hybrid visual servoing on the task of Sect. 10.9.",
+        about: "Hybrid visual servoing on the task of Sect. 10.9: by a homography of the form of Example 10.5, and by any.",
         renders: true,
         run: comparison::example_10_6,
     },

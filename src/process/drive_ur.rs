@@ -129,13 +129,16 @@ impl RobotArm for UrArm<'_> {
     }
 
     fn of_message(&self, message: &DriveCommandMsg) -> Command {
+        let (qd, qdd, at) = (joints(&message.qd_r), joints(&message.qdd_r), message.stamp.0);
         match (message.mode, self.arm.last()) {
             (mode, Some(state)) if mode == CommandMode::Torque as u32 => Command::Torque {
                 tau: self.weights.without(message, &state.q),
                 contain_friction: message.flags & drive_flag::FRICTION != 0,
             },
-            (mode, _) if mode == CommandMode::Velocity as u32 => Command::Velocity(joints(&message.qd_r)),
-            (mode, _) if mode == CommandMode::Position as u32 => Command::Position(joints(&message.q_r)),
+            (mode, _) if mode == CommandMode::Velocity as u32 => Command::Velocity { qd, qdd, at },
+            (mode, _) if mode == CommandMode::Position as u32 => {
+                Command::Position { q: joints(&message.q_r), qd, qdd, at }
+            }
             // Control asks for no mode that the first state does not name.
             _ => Command::Hold,
         }

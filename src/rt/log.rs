@@ -10,7 +10,7 @@ use super::output::{StderrLines, tell};
 use std::io::{IsTerminal, stderr};
 use std::str::FromStr;
 use tracing_subscriber::filter::{LevelFilter, Targets};
-use tracing_subscriber::fmt::format::FmtSpan;
+use tracing_subscriber::fmt::format::{FmtSpan, Format};
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
 
@@ -35,7 +35,11 @@ pub fn start_logging(asked: Option<LogFormat>) {
     let lines = lines.with_span_events(FmtSpan::CLOSE);
     match format {
         LogFormat::Json => registry.with(lines.json().with_thread_names(true)).init(),
-        LogFormat::Text => registry.with(lines.with_ansi(stderr().is_terminal()).without_time()).init(),
+        LogFormat::Text => {
+            // the layer's own `without_time` would leave out how long spans took too
+            let lines = lines.event_format(Format::default().without_time());
+            registry.with(lines.with_ansi(stderr().is_terminal())).init();
+        }
     }
     if let Some(Err(wrong)) = filter {
         tell(format_args!("vservo: warning: {FILTER}: {wrong}: logs as {USUAL}"));

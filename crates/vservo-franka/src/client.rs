@@ -223,7 +223,8 @@ impl FciClient {
             Err(cause) => return Err(self.lost(cause)),
         };
         let arrival = (self.clock)();
-        if from.ip() != self.address.ip() {
+        // Who sent the first state sends all of them; commands go there and nowhere else.
+        if from.ip() != self.address.ip() || self.peer.is_some_and(|peer| peer != from) {
             return Ok(true); // somebody else's
         }
         let state = RobotState::decode(bytes.get(..size).unwrap_or_default())

@@ -180,7 +180,13 @@ fn every_fault_before_the_start_is_refused_in_words() {
 /// Replies in pieces, and states and commands that are lost, are no faults: the former are counted.
 #[test]
 fn pieces_are_put_together_and_losses_do_not_stop_the_arm() {
-    for fault in [Fault::HalfPackets, Fault::ByteByByte, Fault::LoseStates, Fault::LoseCommands] {
+    for fault in [
+        Fault::HalfPackets,
+        Fault::ByteByByte,
+        Fault::LoseStates,
+        Fault::LoseCommands,
+        Fault::StrangeDatagrams,
+    ] {
         for kind in [CommandKind::Position, CommandKind::Velocity, CommandKind::Torque] {
             let robot = robot();
             robot.inject(fault);

@@ -1,6 +1,6 @@
 //! What can go wrong between here and a robot, in words that say where, what, and how to mend it.
 
-use crate::robot::{RobotMode, SafetyMode, Version};
+use crate::robot::{RobotMode, RuntimeState, SafetyMode, Version};
 use crate::rtde::WireError;
 use thiserror::Error;
 
@@ -64,6 +64,10 @@ pub enum UrError {
         "the robot is not under remote control: choose remote control on the pendant, or programs are not taken over the network"
     )]
     LocalControl,
+    #[error(
+        "another program has the arm ({runtime:?}): stop it on the pendant, or where it comes from, and wait until the arm stands"
+    )]
+    OtherProgram { runtime: RuntimeState },
     #[error(
         "the program did not start within {seconds:.1} s: another one runs, or the controller refuses it (its log tells; is the robot under \
          remote control?)"

@@ -8,12 +8,12 @@ use common::{Q, assert_at_rest, clock, drive, robot, settings, started, wait_unt
 use std::time::Duration;
 use vservo_ur::arm::Recovered;
 use vservo_ur::emulator::Fault;
-use vservo_ur::{Arm, Command, Payload, RobotMode, RuntimeState, SafetyMode, Series, UrError};
+use vservo_ur::{Arm, ArmSettings, Command, Payload, RobotMode, RuntimeState, SafetyMode, Series, UrError};
 
 fn swing(t: f64) -> Command {
     let mut qd = [0.0; 6];
     qd[0] = 0.4 * (1.0 - (-t / 0.1).exp());
-    Command::Velocity(qd)
+    Command::keep(qd)
 }
 
 #[test]
@@ -46,7 +46,7 @@ fn positions_are_followed_with_the_stated_lag() {
     };
     let begin = arm.last().unwrap().robot_s;
     let (mut sum, mut weight) = (0.0, 0.0);
-    drive(&mut arm, 1.9, |t| Command::Position(goal(t))).unwrap();
+    drive(&mut arm, 1.9, |t| Command::stand_at(goal(t))).unwrap();
     // The lag as the time by which what is measured fits what was commanded, over the way back.
     let turn = arm.last().unwrap().robot_s - begin;
     let until = turn + 1.9;
@@ -58,7 +58,7 @@ fn positions_are_followed_with_the_stated_lag() {
         let speed = (goal(t + 1e-4)[1] - goal(t - 1e-4)[1]) / 2e-4;
         sum += speed * (goal(t)[1] - s.q[1]);
         weight += speed * speed;
-        arm.command(Command::Position(goal(t))).unwrap();
+        arm.command(Command::stand_at(goal(t))).unwrap();
     }
     let lag_s = sum / weight;
     assert!((0.030..0.050).contains(&lag_s), "{lag_s} s");
@@ -180,6 +180,48 @@ fn every_fault_before_the_start_is_refused_in_words() {
     }
 }
 
+/// What else moves the arm is not ended without a word: the controller knows one program at a time.
+#[test]
+fn an_arm_that_another_program_has_is_refused() {
+    let robot = robot(Series::ESeries, true);
+    let mut first = started(settings(&robot)).unwrap();
+    let others = ArmSettings { registers: 0, ..settings(&robot) };
+    std::thread::scope(|scope| {
+        let moves = scope.spawn(|| drive(&mut first, 6.0, swing));
+        let words = started(others).expect_err("the arm of another").to_string();
+        assert!(words.contains("another program has the arm (Playing)"), "{words}");
+        moves.join().unwrap().unwrap();
+    });
+    first.come_to_rest().unwrap();
+    // Free again.
+    started(others).unwrap().come_to_rest().unwrap();
+}
+
+/// The newest command is now one, now three ticks on from the one before: what goes to the robot is of the instants of its cycles.
+#[test]
+fn commands_are_carried_on_to_the_robots_cycle() {
+    let robot = robot(Series::ESeries, true);
+    let mut arm = started(settings(&robot)).unwrap();
+    let begin = arm.last().unwrap().stamp;
+    // A motion of at most 2 rad/s2, of which the instants of what is handed over jump by 3 ms to and fro.
+    let course = |t: f64| (0.5 * (1.0 - (2.0 * t).cos()), (2.0 * t).sin(), 2.0 * (2.0 * t).cos());
+    let (mut velocities, mut k) = (Vec::new(), 0);
+    while velocities.len() < 700 {
+        let Some(state) = arm.next(Duration::from_millis(50)).unwrap() else { continue };
+        k += 1;
+        let at = state.stamp - begin - [0, 3_000_000, 1_000_000, 2_000_000][k % 4];
+        let (dq, qd, qdd) = course(at as f64 * 1e-9);
+        let (mut q, mut v, mut a) = (Q, [0.0; 6], [0.0; 6]);
+        (q[0], v[0], a[0]) = (Q[0] + dq, qd, qdd);
+        arm.command(Command::Position { q, qd: v, qdd: a, at: begin + at }).unwrap();
+        velocities.push((state.robot_s, state.qd[0]));
+    }
+    arm.come_to_rest().unwrap();
+    let accelerations = velocities.windows(2).skip(100).map(|w| (w[1].1 - w[0].1) / (w[1].0 - w[0].0));
+    let most = accelerations.fold(0.0, |most: f64, a| most.max(a.abs()));
+    assert!(most < 3.0, "{most} rad/s2 of 2");
+}
+
 /// Packages in pieces, and states that are lost, are no faults: the latter are counted.
 #[test]
 fn pieces_are_put_together_and_gaps_are_counted() {
@@ -235,13 +277,13 @@ fn a_second_driver_is_refused() {
 fn commands_that_are_none_or_jump_do_not_stop_the_arm() {
     let robot = robot(Series::ESeries, true);
     let mut arm = started(settings(&robot)).unwrap();
-    drive(&mut arm, 0.2, |_| Command::Velocity([f64::NAN; 6])).unwrap();
-    drive(&mut arm, 0.2, |_| Command::Position([f64::NAN; 6])).unwrap();
+    drive(&mut arm, 0.2, |_| Command::keep([f64::NAN; 6])).unwrap();
+    drive(&mut arm, 0.2, |_| Command::stand_at([f64::NAN; 6])).unwrap();
     assert_eq!(robot.arm().0, Q);
     let mut far = Q;
     far[0] += 0.4;
     far[3] -= 0.1;
-    drive(&mut arm, 1.0, |_| Command::Position(far)).unwrap();
+    drive(&mut arm, 1.0, |_| Command::stand_at(far)).unwrap();
     let off = robot.arm().0.iter().zip(&far).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
     assert!(off < 1e-3, "{off} rad");
     assert_eq!(robot.modes().1, SafetyMode::Normal, "{:?}", robot.log());
@@ -258,7 +300,7 @@ fn a_network_that_stands_still_makes_no_leap() {
         let mut q = Q;
         q[0] += 1.8 * (t - 0.3 * (1.0 - (-t / 0.3).exp()));
         q[5] -= 2.0 * (t - 0.3 * (1.0 - (-t / 0.3).exp()));
-        Command::Position(q)
+        Command::stand_at(q)
     };
     let mut stalls = [0.8, 1.1].into_iter().peekable();
     drive(&mut arm, 1.5, |t| {

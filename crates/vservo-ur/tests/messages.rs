@@ -26,7 +26,7 @@ fn a_stop_is_told_with_the_controllers_number_and_words() {
     for series in [Series::ESeries, Series::Cb3] {
         let robot = robot(series, true);
         let mut arm = started(settings(&robot)).unwrap();
-        let fast = |t: f64| Command::Velocity([4.0 * t.min(1.0), 0.0, 0.0, 0.0, 0.0, 0.0]);
+        let fast = |t: f64| Command::keep([4.0 * t.min(1.0), 0.0, 0.0, 0.0, 0.0, 0.0]);
         let error = drive(&mut arm, 5.0, fast).expect_err("too fast").to_string();
         assert!(error.contains("protective stop while the arm moved"), "{error}");
         assert_eq!(heard(&mut arm), "C153A0, a joint's speed is beyond its limit");
@@ -93,7 +93,7 @@ fn nobody_waits_for_an_interface_that_is_not_let_through() {
     // The arm moves all the same.
     arm.make_ready(false, &|| false).unwrap();
     arm.start().unwrap();
-    drive(&mut arm, 0.2, |_| Command::Velocity([0.1, 0.0, 0.0, 0.0, 0.0, 0.0])).unwrap();
+    drive(&mut arm, 0.2, |_| Command::keep([0.1, 0.0, 0.0, 0.0, 0.0, 0.0])).unwrap();
     arm.come_to_rest().unwrap();
     assert_at_rest(&robot);
 }

@@ -31,6 +31,7 @@ shipped! {
     "pan_tilt";
     "pan_tilt-stereo";
     "panda";
+    "panda-a";
     "panda-mujoco" needs "examples/mujoco/mujoco_drive.py", "config/robot/panda.urdf";
     "real-cell" needs "real-camera.yaml";
     "scara-a";
@@ -51,7 +52,9 @@ shipped! {
     "textbook/scara-d";
     "textbook/scara-hybrid";
     "ur5";
+    "ur5-a";
     "ur5-b";
+    "ur5-c";
     "ur5-hybrid";
     "ur5-mujoco" needs "examples/mujoco/mujoco_drive.py", "config/robot/ur5.urdf";
     "ur5-path";

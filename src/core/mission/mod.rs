@@ -394,11 +394,11 @@ impl<const N: usize> Mission<N> {
         let time = now - self.first.unwrap_or(now);
         let time_is_up = self.plan.duration.is_some_and(|duration| time >= duration);
         let goal_px = self.goal.tolerance_px;
-        let no_nearer = || self.residual.why_no_nearer(goal_px, self.plan.follows, &self.plan.law);
         let seen = self.measurements.last_found();
         let met_px = (MET_SHARE * self.measurements.error_px()).max(goal_px);
         let (law, set_point) = (&self.plan.law, &self.goal.set_point);
         let joints = self.cell.as_ref().map_or(N, |cell| cell.mount.moving_joints(N));
+        let no_nearer = || self.residual.why_no_nearer(goal_px, self.plan.follows, (law, joints));
         let why = |px| match seen.filter(|m| is_another_pose(set_point, m, &self.plan.f_px, met_px)) {
             Some(_) if !self.residual.scatters() => AMBIGUOUS_VIEW,
             _ => match why_it_stays(law, set_point, seen, (px, N)) {

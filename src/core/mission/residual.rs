@@ -131,16 +131,21 @@ pub(super) fn why_it_stays(
         let felt = felt_share(law, set_point, &View::of(m, set_point)?)?;
         Some(felt <= FELT_SHARE && m.reprojection_rms_px <= MISFIT_SHARE * error_px)
     };
+    match seen.and_then(is_local_minimum) {
+        Some(true) => LOCAL_MINIMUM,
+        _ if may_be_tilt(law, joints, error_px) => TILT,
+        _ if law.is_torque() => TOO_WEAK,
+        _ => OUT_OF_REACH,
+    }
+}
+
+/// Whether the law follows a tilt of the measured pose that an arm of so many `joints` cannot, and the error is as small as that makes it.
+fn may_be_tilt(law: &Law, joints: usize, error_px: f64) -> bool {
     let compares_tilt = matches!(
         law,
         Law::PositionTorque { space: OperationalSpace::Six | OperationalSpace::Homography, .. }
     );
-    match seen.and_then(is_local_minimum) {
-        Some(true) => LOCAL_MINIMUM,
-        _ if compares_tilt && joints < 6 && error_px < TILT_PX => TILT,
-        _ if law.is_torque() => TOO_WEAK,
-        _ => OUT_OF_REACH,
-    }
+    compares_tilt && joints < 6 && error_px < TILT_PX
 }
 
 /// Whether the law compares three points and the view `m` has these within `met_px` of where they should be, px, with the focal lengths `f_px`: from
@@ -246,13 +251,20 @@ impl ResidualWatch {
         matches!(self.means, [Some(before), Some(after)] if after > goal_px && after > (1.0 - NEARER_SHARE) * before)
     }
 
-    /// Why the error is more than `goal_px` and does not fall as it should, of a `law` that may follow a moving object; `None` where it falls.
-    pub(super) fn why_no_nearer(&self, goal_px: f64, follows: bool, law: &Law) -> Option<&'static str> {
+    /// Why the error is more than `goal_px` and does not fall as it should, of a `law` that may follow a moving object, and an arm of so many `joints`; `None` where it falls.
+    pub(super) fn why_no_nearer(
+        &self,
+        goal_px: f64,
+        follows: bool,
+        (law, joints): (&Law, usize),
+    ) -> Option<&'static str> {
         let falls = matches!(self.means, [Some(before), Some(after)] if after > FAR * goal_px && after < (1.0 - FALLING_SHARE) * before);
         let why = match (follows, law.is_torque()) {
             _ if falls => ON_ITS_WAY,
             (true, _) if self.slowed > OFTEN => TOO_SLOW_FOR_OBJECT,
             (true, _) => BEHIND_OBJECT,
+            // The measured tilt changes a little with each frame, and the arm creeps after it.
+            _ if self.means[1].is_some_and(|px| may_be_tilt(law, joints, px)) => TILT,
             (_, true) => NO_NEARER_BY_TORQUES,
             _ => NO_NEARER,
         };
@@ -321,7 +333,7 @@ mod tests {
             for k in 0..150 {
                 watch.note_error(MonoNs(k * 40 * MS), error_px(0.04 * k as f64));
             }
-            watch.why_no_nearer(0.1, follows, law)
+            watch.why_no_nearer(0.1, follows, (law, 4))
         };
         let why = |error_px: &dyn Fn(f64) -> f64, follows, law| seen(error_px, follows, law, 100);
         let slow = |t: f64| 124.0 - 5.0 * t;
@@ -334,6 +346,11 @@ mod tests {
         assert_eq!(seen(&swings, true, &velocities, 1000), Some(TOO_SLOW_FOR_OBJECT));
         assert!(!TOO_SLOW_FOR_OBJECT.contains("  "), "{TOO_SLOW_FOR_OBJECT}");
         assert_eq!(why(&|t| 124.0 * (-t).exp(), false, &velocities), None);
+        // Scheme A with all six numbers of the pose, before four joints.
+        let set = ["servo.scheme=position_pd".to_owned()];
+        let of_six = crate::config::Config::load(None, &set).unwrap().servo.law;
+        assert_eq!(why(&|t| 0.147 + 0.02 * (7.0 * t).sin(), false, &of_six), Some(TILT));
+        assert_eq!(why(&swings, false, &of_six), Some(NO_NEARER_BY_TORQUES));
     }
 
     #[test]

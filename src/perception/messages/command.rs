@@ -118,7 +118,7 @@ impl ControlCommand {
 }
 
 record! {
-    "vservo.ControlAnswer.v10",
+    "vservo.ControlAnswer.v11",
     /// The answer to a request, with the state of the run.
     #[derive(Debug, Clone, Copy, PartialEq)]
     pub struct ControlAnswer {
@@ -171,6 +171,8 @@ record! {
         pub camera_state_s: f64,
         /// For how long the goal has been reached and held, s; NaN where it is not, or was left again.
         pub at_goal_s: f64,
+        /// The stability condition of scheme D at the goal as the run was planned, as in [`super::Status`]; NaN where it is not known.
+        pub stability: f64,
         /// The torque of that joint from outside, N m or N; NaN where nothing touches the arm, or torques are not known.
         pub contact_torque: f64,
         /// The force on the flange's origin in the frame of the base that explains the torques best, N; NaN likewise.
@@ -217,6 +219,7 @@ impl Default for ControlAnswer {
             orientation_error_rad: f64::NAN,
             camera_state_s: f64::NAN,
             at_goal_s: f64::NAN,
+            stability: f64::NAN,
             contact_torque: f64::NAN,
             contact_force: [f64::NAN; 3],
             q: [0.0; MAX_JOINTS],
@@ -264,6 +267,6 @@ mod tests {
         assert_eq!(offset_of!(ControlAnswer, q), 160);
         // SAFETY: the names are only read.
         let names = unsafe { (ControlCommand::type_name(), ControlAnswer::type_name()) };
-        assert_eq!(names, ("vservo.ControlCommand.v3", "vservo.ControlAnswer.v10"));
+        assert_eq!(names, ("vservo.ControlCommand.v3", "vservo.ControlAnswer.v11"));
     }
 }

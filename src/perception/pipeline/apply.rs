@@ -31,6 +31,7 @@ impl PipelineStep {
             }
             StepValue::Field(field) => match self {
                 Self::Above { value, normalized } => above(&field, value, normalized),
+                Self::AboveOtsu => above(&field, otsu_of(&field)?, false),
                 _ => Ok(StepOutput::new(StepValue::Field(field), [])),
             },
             StepValue::Binary(binary) => match self {
@@ -207,6 +208,20 @@ fn of_gradient(
     measure::field(Field { values, what, full, source })
 }
 
+/// Otsu's threshold of a field, by 256 levels of equal width from its least number to its greatest.
+fn otsu_of(field: &Field) -> Result<f64> {
+    let values = field.values.as_slice();
+    let (least, greatest) =
+        values.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(a, b), v| (a.min(*v), b.max(*v)));
+    let width = f64::from(greatest - least) / 256.0;
+    let levels = mapped(&field.values, |v: f32| (f64::from(v - least) / width).min(255.0) as u8);
+    let view = ImageView::new(levels.as_slice(), field.values.width(), field.values.height());
+    let split = view.ok().filter(|_| width > 0.0).and_then(|view| Histogram::of(&view).otsu());
+    split
+        .map(|split| f64::from(least) + width * f64::from(split.threshold.saturating_add(1)))
+        .ok_or(StepFailure::OneLevel)
+}
+
 /// The level of a rule.
 fn level(histogram: &Histogram, rule: ThresholdRule, polarity: Polarity) -> Result<u8> {
     match rule {
@@ -249,7 +264,7 @@ fn too_many_edges(view: &ImageView<'_>) -> StepFailure {
     StepFailure::TooMany { what: "edge pixels", limit: view.width() * view.height() / 8 }
 }
 
-fn mapped<T: Copy + Default>(plane: &Plane<T>, f: impl Fn(T) -> f32) -> Plane<f32> {
+fn mapped<T: Copy + Default, U: Copy + Default>(plane: &Plane<T>, f: impl Fn(T) -> U) -> Plane<U> {
     let mut out = Plane::with_size(plane.width(), plane.height());
     for y in 0..plane.height() {
         out.row_mut(y).iter_mut().zip(plane.row(y)).for_each(|(out, v)| *out = f(*v));

@@ -88,6 +88,16 @@ impl<'a> Parameters<'a> {
         self.words.next().map(str::trim)
     }
 
+    /// Whether `word` comes next, which is then taken.
+    fn is_next(&mut self, word: &str) -> bool {
+        let mut ahead = self.words.clone();
+        let is_next = ahead.next().map(str::trim) == Some(word);
+        if is_next {
+            self.words = ahead;
+        }
+        is_next
+    }
+
     /// A number within a range; `default` where it is left out.
     fn number(
         &mut self,
@@ -133,8 +143,9 @@ fn step(name: &str, kind: ValueKind, p: &mut Parameters<'_>) -> Result<PipelineS
         }
         "pyramid" => PipelineStep::Pyramid { level: p.whole("the level", 1.0..=8.0, None)? as usize },
         "threshold" if kind == ValueKind::Image => threshold(p)?,
+        "threshold" if p.is_next("otsu") => PipelineStep::AboveOtsu,
         "threshold" => PipelineStep::Above {
-            value: p.number("the threshold", -1e9..=1e9, None)?,
+            value: p.number("the threshold, if it is not `otsu`,", -1e9..=1e9, None)?,
             normalized: p.choice([("", false), ("normalized", true)])?,
         },
         "local_mean" => PipelineStep::LocalMean {

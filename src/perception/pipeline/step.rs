@@ -43,7 +43,7 @@ pub const STEPS: &[StepInfo] = &[
     },
     StepInfo {
         name: "threshold",
-        usage: "threshold:otsu|valley|LEVEL[:dark|light] of an image, threshold:NUMBER[:normalized] of a field",
+        usage: "threshold:otsu|valley|LEVEL[:dark|light] of an image, threshold:otsu|NUMBER[:normalized] of a field",
         takes: &[ValueKind::Image, ValueKind::Field],
         gives: Some(ValueKind::Binary),
         about: "objects at most at the level (dark, the default) or above it; of a field what is greater than the number",
@@ -230,6 +230,7 @@ pub(super) enum PipelineStep {
     Pyramid { level: usize },
     Threshold(ThresholdRule, Polarity),
     Above { value: f64, normalized: bool },
+    AboveOtsu,
     LocalMean { radius_px: u16, offset_levels: i16, polarity: Polarity },
     LocalExtremes { contrast: u8, polarity: Polarity },
     Regions(Connectivity),

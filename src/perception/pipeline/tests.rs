@@ -71,6 +71,37 @@ fn no_step_takes_what_it_is_not_given() {
     }
 }
 
+/// The chain of the user's first try: magnitudes of two kinds, split where the variance between the two is greatest.
+#[test]
+fn a_field_is_split_by_otsu_as_an_image_is() {
+    let pixels: Vec<u8> = (0..64 * 48)
+        .map(|i| if (20..44).contains(&(i % 64)) && (10..38).contains(&(i / 64)) { 180 } else { 60 })
+        .collect();
+    let outcomes = run("sobel | magnitude | threshold:otsu | regions | moments", &pixels, 64);
+    let fact = |step: usize, name: &str| outcomes[step].facts.iter().find(|fact| fact.0 == name).unwrap().1;
+    let threshold = fact(2, "threshold");
+    assert!(fact(1, "least") < threshold && threshold < fact(1, "greatest"), "{threshold}");
+    assert_eq!(fact(3, "regions"), 1.0, "the ring of the edges");
+    // A field whose numbers are whole levels 0 to 255 is split where the image of these levels is.
+    let steps: Vec<u8> = (0..64 * 48)
+        .map(|i| {
+            if i % 64 < 30 {
+                0
+            } else if i % 64 < 32 {
+                40
+            } else {
+                255
+            }
+        })
+        .collect();
+    let of_field = run("differences | magnitude | threshold:otsu", &steps, 64);
+    assert!(
+        of_field[2].facts.iter().any(|(name, value)| *name == "threshold" && (0.0..215.0).contains(value))
+    );
+    let flat = ImageView::new(&[7; 64], 8, 8).unwrap();
+    assert!(Pipeline::parse("sobel | magnitude | threshold:otsu").unwrap().run(&flat).is_err(), "one level");
+}
+
 proptest! {
     #[test]
     fn a_binary_image_and_its_regions_have_the_same_pixels(

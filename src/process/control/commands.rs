@@ -139,6 +139,7 @@ impl Commands {
             standing.target = status.target;
             standing.feature_error_px = status.feature_error_px;
             standing.position_error_m = status.position_error_m;
+            standing.stability = status.stability;
             standing.orientation_error_rad = status.orientation_error_rad;
         }
     }

@@ -170,5 +170,9 @@ pub(super) fn send_cycle(shared: &Shared, core: &mut Core, udp: &UdpSocket) -> O
     let bytes = state.encode();
     let size = if faults.short_states { bytes.len() / 2 } else { bytes.len() };
     udp.send_to(bytes.get(..size).unwrap_or_default(), to).ok()?;
+    if faults.strange_datagrams {
+        let ip = udp.local_addr().ok()?.ip();
+        UdpSocket::bind(SocketAddr::new(ip, 0)).and_then(|other| other.send_to(&[7; 300], to)).ok()?;
+    }
     Some(state.message_id)
 }

@@ -32,6 +32,8 @@ pub enum Fault {
     Deaf,
     /// Two of three states are lost.
     LoseStates,
+    /// Another program of the robot's machine sends what is no state.
+    StrangeDatagrams,
     /// One of five commands is lost.
     LoseCommands,
     /// Replies come in halves.
@@ -55,7 +57,7 @@ pub enum Fault {
 }
 
 /// Words of faults, for command lines.
-const WORDS: [(&str, Fault); 22] = [
+const WORDS: [(&str, Fault); 23] = [
     ("reflex", Fault::Reflex(RobotError::JointReflex)),
     ("manual-recovery", Fault::ManualRecovery),
     ("user-stop", Fault::UserStop),
@@ -68,6 +70,7 @@ const WORDS: [(&str, Fault); 22] = [
     ("mute", Fault::Mute),
     ("deaf", Fault::Deaf),
     ("lose-states", Fault::LoseStates),
+    ("strange-datagrams", Fault::StrangeDatagrams),
     ("lose-commands", Fault::LoseCommands),
     ("half-packets", Fault::HalfPackets),
     ("byte-by-byte", Fault::ByteByByte),
@@ -110,6 +113,7 @@ pub(super) struct Faults {
     pub(super) mute: bool,
     pub(super) deaf: bool,
     pub(super) lose_states: bool,
+    pub(super) strange_datagrams: bool,
     pub(super) lose_commands: bool,
     pub(super) pieces: Pieces,
     /// States of which mode, motion and errors are told later than the rest.

@@ -144,6 +144,7 @@ impl Emulator {
             Fault::Mute => faults.mute = true,
             Fault::Deaf => faults.deaf = true,
             Fault::LoseStates => faults.lose_states = true,
+            Fault::StrangeDatagrams => faults.strange_datagrams = true,
             Fault::LoseCommands => faults.lose_commands = true,
             Fault::HalfPackets => faults.pieces = Pieces::Halves,
             Fault::ByteByByte => faults.pieces = Pieces::Bytes,

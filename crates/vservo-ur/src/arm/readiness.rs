@@ -3,7 +3,7 @@
 use super::{Arm, ArmState};
 use crate::UrError;
 use crate::dashboard::Dashboard;
-use crate::robot::RobotMode;
+use crate::robot::{RobotMode, RuntimeState};
 use std::time::Duration;
 
 /// Longest time for the motors to get power, and for the brakes to open. Chosen by hand: an e-Series boots in half a minute.
@@ -12,12 +12,16 @@ const BRAKES: Duration = Duration::from_secs(20);
 /// A slider below this share slows the arm. Chosen by hand, for rounding.
 pub(super) const SLIDER: f64 = 0.999;
 
+/// Longest wait for the end of a program that is still there. Derived: one that an earlier session of this driver left ends by its watchdog after 0.1 s, and brakes for
+/// 0.8 s from 3 rad/s; as much again for a robot that is slow.
+const ENDS: Duration = Duration::from_secs(2);
+
 impl Arm {
     /// Sees to it that the arm may move: refuses in words what somebody must see to. With `enable` the motors get power and the brakes are opened;
     /// a stop is never unlocked here. Whether it may: `false` where `stop`, which is asked while that is waited for, said that nobody wants it any more.
     ///
     /// # Errors
-    /// When the robot is stopped, not powered, slowed down, or not under remote control.
+    /// When the robot is stopped, not powered, slowed down, not under remote control, or moved by another program.
     pub fn make_ready(&mut self, enable: bool, stop: &dyn Fn() -> bool) -> Result<bool, UrError> {
         let state = self.newest()?;
         if !state.safety.lets_move() {
@@ -41,7 +45,13 @@ impl Arm {
         if !dashboard.is_under_remote_control(self.series)? {
             return Err(UrError::LocalControl);
         }
-        Ok(true)
+        // The controller would end it for ours, in the middle of whatever it does with the arm.
+        let is_free = |s: &ArmState| s.runtime == RuntimeState::Stopped && s.rests();
+        if self.await_state(ENDS, |s| is_free(s) || stop())?.is_none() {
+            let runtime = self.last.map_or(state.runtime, |s| s.runtime);
+            return Err(UrError::OtherProgram { runtime });
+        }
+        Ok(!stop())
     }
 
     fn enable(&mut self, stop: &dyn Fn() -> bool) -> Result<(), UrError> {

@@ -4,7 +4,7 @@ use crate::ClockMap;
 use crate::program::{Payload, state as program_state};
 use crate::robot::{RobotMode, RuntimeState, SafetyMode};
 use crate::rtde::Recipe;
-use crate::{Clock, Joints, UrError};
+use crate::{Clock, JOINTS, Joints, UrError};
 use std::net::IpAddr;
 use std::time::Duration;
 
@@ -77,10 +77,26 @@ impl ArmSettings {
 pub enum Command {
     /// Brake, and stay.
     Hold,
-    /// Go to these positions, rad.
-    Position(Joints),
-    /// Move with these velocities, rad/s.
-    Velocity(Joints),
+    /// Be at these positions, moving so, at a time; at others they are carried on.
+    Position {
+        /// rad.
+        q: Joints,
+        /// rad/s.
+        qd: Joints,
+        /// rad/s2.
+        qdd: Joints,
+        /// When that is, by the caller's clock, ns.
+        at: i64,
+    },
+    /// Move with these velocities at a time; at others they are carried on.
+    Velocity {
+        /// rad/s.
+        qd: Joints,
+        /// rad/s2.
+        qdd: Joints,
+        /// When that is, by the caller's clock, ns.
+        at: i64,
+    },
     /// Push with these torques beside the weight, which the robot holds, N m.
     Torque {
         /// Of each joint.
@@ -90,6 +106,20 @@ pub enum Command {
     },
     /// Brake, and end the program.
     End,
+}
+
+impl Command {
+    /// Go to the positions `q`, rad, and stay there.
+    #[must_use]
+    pub fn stand_at(q: Joints) -> Self {
+        Self::Position { q, qd: [0.0; JOINTS], qdd: [0.0; JOINTS], at: 0 }
+    }
+
+    /// Keep the velocities `qd`, rad/s.
+    #[must_use]
+    pub fn keep(qd: Joints) -> Self {
+        Self::Velocity { qd, qdd: [0.0; JOINTS], at: 0 }
+    }
 }
 
 /// A state of the robot.

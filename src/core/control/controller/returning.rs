@@ -102,9 +102,11 @@ impl<const N: usize> Controller<N> {
     pub(super) fn note_way_back(&mut self, now: MonoNs, before: State, (sees, left): (bool, Option<f64>)) {
         let r = self.returning;
         // That it was seen on the way of some motion does not say that it is in view where the arm starts.
-        if r.is_other && self.state == State::Waiting && !r.waited {
+        let begins = r.is_other && self.state == State::Waiting && !r.waited;
+        if begins {
             self.servo.look_for_it_again();
         }
+        let left = left.filter(|_| !begins);
         let is_late = r.since.is_some_and(|since| now - since > LONGEST);
         // An arm that was just started goes nowhere but to its goal, unless that is of another target than what it saw last.
         let may_leave = self.state != State::Waiting || self.servo.looks_for_another();

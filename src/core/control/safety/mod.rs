@@ -272,7 +272,7 @@ impl Fault {
             }
             Self::RobotProtectiveStop => {
                 "the robot reports a protective stop, by which it has stopped the arm itself: find its cause at the robot; `vservo ctl reset` has \
-                 it unlocked"
+                 it unlocked (a safeguard stop ends where the safeguard is: close and reset that first)"
             }
             Self::RobotEmergencyStop => {
                 "the robot reports an emergency stop: release its button, power the robot and open its brakes at the robot, then `vservo ctl reset`"
