@@ -310,6 +310,7 @@ class ControlAnswer(ctypes.Structure):
         ("orientation_error_rad", ctypes.c_double),  # Angle of the camera from its desired orientation, rad; NaN where unknown.
         ("camera_state_s", ctypes.c_double),  # For how long the camera has been in its state, s; NaN where unknown.
         ("at_goal_s", ctypes.c_double),  # For how long the goal has been reached and held, s; NaN where it is not, or was left again.
+        ("stability", ctypes.c_double),  # The stability condition of scheme D at the goal as the run was planned, as in Status; NaN where it is not known.
         ("contact_torque", ctypes.c_double),  # The torque of that joint from outside, N m or N; NaN where nothing touches the arm, or torques are not known.
         ("contact_force", ctypes.c_double * 3),  # The force on the flange's origin in the frame of the base that explains the torques best, N; NaN likewise.
         ("q", ctypes.c_double * 7),  # Measured joint positions, rad or m.
@@ -322,10 +323,10 @@ class ControlAnswer(ctypes.Structure):
 
     @staticmethod
     def type_name():
-        return "vservo.ControlAnswer.v10"
+        return "vservo.ControlAnswer.v11"
 
 
-assert ctypes.sizeof(ControlAnswer) == 2072
+assert ctypes.sizeof(ControlAnswer) == 2080
 assert ControlAnswer.request.offset == 0
 assert ControlAnswer.refusal.offset == 4
 assert ControlAnswer.state.offset == 8
@@ -350,14 +351,15 @@ assert ControlAnswer.position_error_m.offset == 96
 assert ControlAnswer.orientation_error_rad.offset == 104
 assert ControlAnswer.camera_state_s.offset == 112
 assert ControlAnswer.at_goal_s.offset == 120
-assert ControlAnswer.contact_torque.offset == 128
-assert ControlAnswer.contact_force.offset == 136
-assert ControlAnswer.q.offset == 160
-assert ControlAnswer.qd.offset == 216
-assert ControlAnswer.goal_points.offset == 272
-assert ControlAnswer.goal_ids.offset == 280
-assert ControlAnswer.goal_features.offset == 536
-assert ControlAnswer.robot_text.offset == 1560
+assert ControlAnswer.stability.offset == 128
+assert ControlAnswer.contact_torque.offset == 136
+assert ControlAnswer.contact_force.offset == 144
+assert ControlAnswer.q.offset == 168
+assert ControlAnswer.qd.offset == 224
+assert ControlAnswer.goal_points.offset == 280
+assert ControlAnswer.goal_ids.offset == 288
+assert ControlAnswer.goal_features.offset == 544
+assert ControlAnswer.robot_text.offset == 1568
 
 
 class ControlCommand(ctypes.Structure):

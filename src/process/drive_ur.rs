@@ -97,7 +97,7 @@ impl RobotArm for UrArm<'_> {
     }
 
     fn notice(&mut self) -> Option<String> {
-        self.arm.notice().map(|notice| notice.to_string())
+        self.arm.notice().map(|notice| notice.to_string()).or_else(|| self.arm.slider_notice())
     }
 
     fn is_of_the_robot(error: &ProcessError) -> bool {

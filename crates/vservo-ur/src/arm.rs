@@ -52,6 +52,8 @@ pub struct Arm {
     gaps: u64,
     /// Whether the program runs.
     started: bool,
+    /// Whether the speed slider was told to slow it.
+    slows: bool,
     /// What stopped it, until it was started again.
     halt: Option<Halt>,
 }
@@ -103,6 +105,7 @@ impl Arm {
             standing: 0,
             gaps: 0,
             started: false,
+            slows: false,
             halt: None,
         };
         // What the registers hold of another session must not be there when a program of that session should still run.
@@ -198,6 +201,23 @@ impl Arm {
     /// What is newly to be told about the way to its messages: that there is none, or that there is one again.
     pub fn notice(&mut self) -> Option<ListenerNotice> {
         self.messages.as_ref().and_then(MessageListener::notice)
+    }
+
+    /// What is newly to be told of the speed slider while the program runs: the arm lags behind what it is commanded where that is below 100 %.
+    pub fn slider_notice(&mut self) -> Option<String> {
+        let slider = self.last.filter(|_| self.started)?.slider;
+        let slows = slider < readiness::SLIDER;
+        if std::mem::replace(&mut self.slows, slows) == slows {
+            return None;
+        }
+        Some(if slows {
+            format!(
+                "the speed slider of the pendant stands at {:.0} % now: the robot slows what it is commanded, so that the arm lags, as one does that something touches; set it to 100 %",
+                100.0 * slider
+            )
+        } else {
+            "the speed slider of the pendant stands at 100 % again".into()
+        })
     }
 
     /// What is known of the controller's clock.
