@@ -193,7 +193,8 @@ fn pass_on<T: Watched>(
     while !closed.is_requested() {
         let mut is_idle = true;
         if waiting.is_none() {
-            waiting = port.receive().map_err(ProcessError::from).transpose();
+            let next = port.receive().map(|record| record.map(|record| *record));
+            waiting = next.map_err(ProcessError::from).transpose();
             if let Some(Ok(record)) = &waiting {
                 let number = record.number();
                 // A sender that began anew counts from its beginning.

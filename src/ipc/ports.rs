@@ -154,7 +154,8 @@ impl<T: ZeroCopySend + Debug + Copy + 'static> Sender<T> {
     /// When the transport fails.
     pub fn send_quietly(&self, message: &T) -> Result<(), IpcError> {
         works("sending", self.service)?;
-        self.port.send_copy(*message).map(|_| ()).map_err(|e| transfer("sending", self.service, e))
+        let place = self.port.loan_uninit().map_err(|e| transfer("sending", self.service, e))?;
+        place.write_payload(*message).send().map(|_| ()).map_err(|e| transfer("sending", self.service, e))
     }
 
     /// Wakes the readers, for what was sent or is about to be.
@@ -203,7 +204,8 @@ impl<T: ZeroCopySend + Debug + Copy + 'static> QuietSender<T> {
             return Ok(());
         }
         works("sending", self.service)?;
-        self.port.send_copy(make()).map(|_| ()).map_err(|e| transfer("sending", self.service, e))
+        let place = self.port.loan_uninit().map_err(|e| transfer("sending", self.service, e))?;
+        place.write_payload(make()).send().map(|_| ()).map_err(|e| transfer("sending", self.service, e))
     }
 }
 
@@ -219,14 +221,14 @@ impl<T: ZeroCopySend + Debug + Copy + 'static> Receiver<T> {
         Self { service, port }
     }
 
-    /// The next record, oldest first; `None` when there is none.
+    /// The next record where it lies in shared memory, oldest first; `None` when there is none.
     ///
     /// # Errors
     /// When the transport fails.
-    pub fn receive(&self) -> Result<Option<T>, IpcError> {
+    pub fn receive(&self) -> Result<Option<Received<T>>, IpcError> {
         works("receiving", self.service)?;
         let sample = self.port.receive().map_err(|e| transfer("receiving", self.service, e))?;
-        Ok(sample.map(|s| *s))
+        Ok(sample.map(|sample| Received { sample }))
     }
 
     /// Whether a record waits. Makes no system call.
@@ -244,9 +246,23 @@ impl<T: ZeroCopySend + Debug + Copy + 'static> Receiver<T> {
     pub fn receive_newest(&self) -> Result<Option<T>, IpcError> {
         let mut newest = None;
         while let Some(next) = self.receive()? {
-            newest = Some(next);
+            newest = Some(*next); // one at a time lies there
         }
         Ok(newest)
+    }
+}
+
+/// A record where it lies in shared memory; given back when dropped.
+#[derive(Debug)]
+pub struct Received<T: ZeroCopySend + Debug + 'static> {
+    sample: Sample<IpcService, T, ()>,
+}
+
+impl<T: ZeroCopySend + Debug> std::ops::Deref for Received<T> {
+    type Target = T;
+
+    fn deref(&self) -> &T {
+        self.sample.payload()
     }
 }
 

@@ -38,7 +38,7 @@ fn listen(test: &str, set: &[&str]) -> (Vec<TraceMsg>, Value) {
         while records.last().is_none_or(|r| r.flags & trace_flag::LAST == 0) {
             let ended = control.try_wait().unwrap().is_some();
             while let Some(record) = traces.receive().unwrap() {
-                records.push(record);
+                records.push(*record);
             }
             if ended {
                 break;

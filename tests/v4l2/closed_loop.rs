@@ -104,7 +104,7 @@ impl Player {
     fn play(&mut self, arm: Option<&Receiver<JointState>>) {
         while let Some(state) = arm.and_then(|arm| arm.receive().unwrap()) {
             self.camera.arm(&state);
-            self.heard.push(state);
+            self.heard.push(*state);
         }
         let exposure = Exposure { frame_id: self.frames, mid: now(), span: SpanNs::ZERO };
         self.camera.expose(&exposure, &mut self.image);

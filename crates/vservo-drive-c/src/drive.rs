@@ -135,7 +135,7 @@ impl DrivePorts {
     }
 
     pub(crate) fn receive(&mut self) -> Result<Option<DriveCommandMsg>, Failure> {
-        let command = self.commands.receive()?;
+        let command = self.commands.receive()?.map(|command| *command);
         if command.is_some_and(|command| command.flags & drive_flag::START != 0) {
             // Control makes the page anew before its first START.
             self.word = self.instance.open_stop_word().map_err(Failure::transport)?;

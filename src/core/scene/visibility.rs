@@ -195,8 +195,7 @@ fn too_large(target: &Target, camera: &CameraModel, X_CO: &Pose) -> Option<[[f64
     let in_camera = || facing.iter().map(|(_, point)| X_CO * point.p_O);
     let middle = in_camera().map(|p| p.coords).sum::<Vector3<f64>>();
     let turn = UnitQuaternion::rotation_between(&middle, &Vector3::z())?;
-    let seen: Vec<Vector2<f64>> =
-        in_camera().filter_map(|p| camera.project(&(turn * p))).map(Into::into).collect();
+    let seen: Vec<Vector2<f64>> = in_camera().filter_map(|p| camera.project(&(turn * p))).collect();
     let span = |k: usize| {
         let along = || seen.iter().filter_map(move |px| px.get(k).copied());
         along().fold(f64::NEG_INFINITY, f64::max) - along().fold(f64::INFINITY, f64::min)

@@ -75,7 +75,7 @@ impl WatchedCamera {
         let mut event = None;
         while let Some(health) = self.port.as_ref().map_or(Ok(None), Receiver::receive)? {
             event = self.change(&health).or(event);
-            self.newest = Some(health);
+            self.newest = Some(*health);
         }
         Ok(event)
     }

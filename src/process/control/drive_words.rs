@@ -57,7 +57,7 @@ impl DriveWords {
                 text_kind::ROBOT => {
                     let says = |text: &DriveTextMsg| (text.robot_state, text.robot_code, text.text);
                     if says(&text) != says(&self.words) {
-                        (self.words, self.is_new, self.to_log) = (text, true, true);
+                        (self.words, self.is_new, self.to_log) = (*text, true, true);
                     }
                 }
                 text_kind::PROPERTIES => self.take_properties(DriveProperties::parse(&text.text())?)?,

@@ -170,7 +170,7 @@ impl DrivePorts<'_> {
                 asked = Some(now());
             }
             self.wake_listener.wait(LONGEST_WAIT)?;
-            while let Some(mut state) = self.state.receive()? {
+            while let Some(mut state) = self.state.receive()?.map(|state| *state) {
                 if state.flags & drive_flag::INITIAL != 0 {
                     // What was sent before that state has come.
                     self.words.take()?;
@@ -235,7 +235,7 @@ impl DrivePorts<'_> {
                 }
                 self.words.take()?;
                 self.robot = RobotState::from_code(state.robot_state);
-                let _ = self.received.push(state);
+                let _ = self.received.push(*state);
                 return Ok(WaitOutcome::Here);
             }
             let time = now();
@@ -279,7 +279,7 @@ impl DrivePorts<'_> {
     }
 
     fn take_states(&mut self) -> Result<(), ProcessError> {
-        while let Some(mut state) = self.state.receive()? {
+        while let Some(mut state) = self.state.receive()?.map(|state| *state) {
             // A drive whose clock runs ahead must not look fresh for ever.
             state.stamp = state.stamp.min(now());
             self.robot = RobotState::from_code(state.robot_state);

@@ -266,7 +266,7 @@ impl<'a> Inbox<'a> {
                 if m.flags & frame_flag::LAST != 0 {
                     self.last_frame = Some(m.frame_id);
                 }
-                self.waiting.push_back(m);
+                self.waiting.push_back(*m);
             }
             while self.waiting.front().is_some_and(|m| m.frame_id < id) {
                 self.waiting.pop_front();

@@ -291,10 +291,11 @@ impl<const N: usize> Companion<'_, N> {
     /// The next measurement of a camera that has one.
     fn next_measurement(&self) -> Result<Option<Measurement>, IpcError> {
         let second = || self.ports.second.as_ref().map_or(Ok(None), |(second, _)| second.receive());
-        Ok(match self.ports.measurements.receive()? {
+        let next = match self.ports.measurements.receive()? {
             None => second()?,
             first => first,
-        })
+        };
+        Ok(next.map(|measurement| *measurement))
     }
 
     /// Before the first measurement moves the arm: camera and vision have joined by then, with segments of their own.

@@ -284,10 +284,10 @@ impl TrialSession<'_> {
         loop {
             let (begin, looks) = (self.log.received.len(), now());
             while let Some(state) = self.state.receive()? {
-                self.log.received.push(ReceivedState { at: now(), of_batch: 0, batch: 0, state });
+                self.log.received.push(ReceivedState { at: now(), of_batch: 0, batch: 0, state: *state });
             }
             while let Some(text) = self.texts.receive()? {
-                self.log.texts.push(ReceivedText { at: looks, text });
+                self.log.texts.push(ReceivedText { at: looks, text: *text });
             }
             let batch = (self.log.received.len() - begin) as u32;
             for (r, of_batch) in self.log.received.iter_mut().skip(begin).zip(1..) {
@@ -317,7 +317,7 @@ impl TrialSession<'_> {
             && !self.stop.is_requested()
         {
             if let Some(state) = self.state.receive()? {
-                self.log.received.push(ReceivedState { at: now(), of_batch: 1, batch: 1, state });
+                self.log.received.push(ReceivedState { at: now(), of_batch: 1, batch: 1, state: *state });
             } else {
                 self.listener.wait(LOOK)?;
             }
