@@ -68,10 +68,12 @@ pub enum Fault {
     Slider(f64),
     /// States are lost: two of three.
     LoseStates,
+    /// States come so much later than they were sampled, s: a network with a queue.
+    LateBy(f64),
 }
 
 /// Words of faults, for command lines.
-const WORDS: [(&str, Fault); 26] = [
+const WORDS: [(&str, Fault); 27] = [
     ("protective-stop", Fault::Stop(SafetyMode::ProtectiveStop)),
     ("emergency-stop", Fault::Stop(SafetyMode::RobotEmergencyStop)),
     ("safeguard-stop", Fault::Stop(SafetyMode::SafeguardStop)),
@@ -98,6 +100,7 @@ const WORDS: [(&str, Fault); 26] = [
     ("silent-dashboard", Fault::SilentDashboard),
     ("silent-primary", Fault::SilentPrimaryFor(f64::INFINITY)),
     ("lose-states", Fault::LoseStates),
+    ("late-states", Fault::LateBy(0.05)),
 ];
 
 impl FromStr for Fault {
@@ -141,6 +144,7 @@ pub(super) struct Faults {
     /// Until when, by the robot's clock, s.
     pub(super) silent_primary_until_s: Option<f64>,
     pub(super) lose_states: bool,
+    pub(super) late_s: f64,
     /// RTDE connections that began before this number are reset.
     pub(super) reset_before: u64,
 }

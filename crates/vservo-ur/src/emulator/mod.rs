@@ -213,6 +213,7 @@ impl Emulator {
             Fault::SilentPrimaryFor(s) => core.faults.silent_primary_until_s = Some(core.time_s + s),
             Fault::Slider(share) => core.slider = share.clamp(0.0, 1.0),
             Fault::LoseStates => core.faults.lose_states = true,
+            Fault::LateBy(s) => core.faults.late_s = s,
         }
     }
 

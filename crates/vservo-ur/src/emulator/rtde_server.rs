@@ -6,6 +6,7 @@ use super::variables::{self, Sink, Source};
 use super::{Shared, accept};
 use crate::rtde::{Framer, PROTOCOL_VERSION, Package, PackageType, Reader, Writer};
 use crate::socket::receive;
+use std::collections::VecDeque;
 use std::io::Write;
 use std::net::{TcpListener, TcpStream};
 use std::sync::atomic::Ordering;
@@ -29,6 +30,8 @@ pub(super) struct Client {
     inputs: Vec<Vec<Sink>>,
     gone: bool,
     writer: Writer,
+    /// What a slow network has not brought yet.
+    queue: VecDeque<Vec<u8>>,
 }
 
 /// Takes clients in until the emulator ends.
@@ -53,6 +56,7 @@ pub(super) fn serve(shared: &Arc<Shared>, listener: &TcpListener) {
             inputs: Vec::new(),
             gone: false,
             writer: Writer::default(),
+            queue: VecDeque::new(),
         }));
         shared.clients().push(Arc::clone(&client));
         let shared = Arc::clone(shared);
@@ -101,7 +105,16 @@ impl Client {
         for source in &self.outputs {
             variables::put(core, *source, writer);
         }
-        let package = writer.package();
+        let mut package = writer.package();
+        let taken;
+        if core.faults.late_s > 0.0 {
+            self.queue.push_back(package.to_vec());
+            if (self.queue.len() as u64 * self.every) as f64 <= core.faults.late_s * core.series.rate_hz() {
+                return Ok(());
+            }
+            taken = self.queue.pop_front().unwrap_or_default();
+            package = &taken;
+        }
         if core.faults.unknown_type_once {
             return self.stream.write_all(&[0, 4, b'?', 0]);
         }
