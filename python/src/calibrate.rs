@@ -324,7 +324,7 @@ pub fn hand_eye(
     }
     let place = if eye_to_hand { CameraMount::EyeToHand } else { CameraMount::EyeInHand };
     let robot = RobotSd { rotation_rad: robot_sd_rad, translation_m: robot_sd_m };
-    let settings = HandEyeSettings { place, robot, time_offset: false };
+    let settings = HandEyeSettings { place, robot, time_offset: false, X_WO: None };
     let found = py.detach(|| calibrate_hand_eye(&views, &camera.model, &settings)).map_err(wrong)?;
     Ok(HandEye { found })
 }

@@ -9,10 +9,11 @@ use super::plot::{Panel, Series, Symbol, figure};
 use crate::features::segment_features;
 use crate::geometry::{Pose, rotation_angle, rotation_y};
 use crate::pose::{
-    Correspondence, algorithmic_step, algorithmic_step_4, algorithmic_step_segment,
-    decompose_homography_seen, euler_zyx_rotation, homography, planar_pose, pose_from_homography,
+    Correspondence, HomographySolution, HomographySolutions, algorithmic_step, algorithmic_step_4,
+    algorithmic_step_segment, decompose_homography_seen, euler_zyx_rotation, homography, planar_pose,
+    pose_from_homography,
 };
-use nalgebra::{Matrix3, Rotation3, SVector, UnitQuaternion, Vector2, Vector3, Vector4, Vector6};
+use nalgebra::{Matrix3, SVector, UnitQuaternion, Vector2, Vector3, Vector4, Vector6};
 use std::f64::consts::{FRAC_PI_4, PI};
 use std::fmt::Write as _;
 
@@ -249,7 +250,8 @@ pub(super) fn example_10_5() -> Result<Findings, ExperimentError> {
     let displacement = Vector3::new(H.m13, H.m23, H.m33 - 1.0);
     // The general decomposition, without either assumption.
     let solutions = decompose_homography_seen(&zeta_H, &s2).map_err(|e| fail(&e))?;
-    let general = solutions.nearest_normal(&Vector3::z());
+    let known_normal = Vector3::z();
+    let general = solutions.nearest_normal(&known_normal);
     let mut out = Findings::default();
     out.metric("s1", flat(&s1));
     out.metric("s2", flat(&s2));
@@ -258,17 +260,12 @@ pub(super) fn example_10_5() -> Result<Findings, ExperimentError> {
     out.metric("H", rows(&H));
     out.metric("beta_rad", beta);
     out.metric("displacement_over_d2", displacement.as_slice());
-    let solution = |R: &Rotation3<f64>, p: &Vector3<f64>, n: &Vector3<f64>| {
-        serde_json::json!({
-            "R_12": rows(R.matrix()), "angle_rad": rotation_angle(R),
-            "displacement_over_d2": p.as_slice(), "n_2": n.as_slice(),
-        })
-    };
-    out.metric("decomposition", solution(&general.R_12, &general.p_12_1_over_d2, &general.n_2));
+    out.metric("decomposition", solution_json(&general, true));
     out.lines.push(format!(
         "zeta = {zeta:.4}, beta = {beta:.6} rad, o/d2 = [{:.4} {:.4} {:.4}]",
         displacement.x, displacement.y, displacement.z
     ));
+    both_solutions(&mut out, &solutions, &general, &H, &pairs);
     let image = image_panel("two views of the square", &s1, &s2);
     let says = format!(
         "Between the views the camera turns by {beta:.4} rad about its axis and moves by [{:.4} {:.4} {:.4}] times the distance of the plane.",
@@ -277,6 +274,70 @@ pub(super) fn example_10_5() -> Result<Findings, ExperimentError> {
     let caption = "Two views of the square; the points at t' (crosses) and at t'' (circles).";
     out.telling_figure("views", caption, says, figure(1, [image]));
     Ok(out)
+}
+
+fn solution_json(found: &HomographySolution, is_true: bool) -> serde_json::Value {
+    serde_json::json!({
+        "R_12": rows(found.R_12.matrix()), "angle_rad": rotation_angle(&found.R_12),
+        "displacement_over_d2": found.p_12_1_over_d2.as_slice(), "n_2": found.n_2.as_slice(),
+        "is_true": is_true,
+    })
+}
+
+/// Every solution of Example 10.5 that has all points in front of both cameras, the true one first, and what decides between them.
+fn both_solutions(
+    out: &mut Findings,
+    solutions: &HomographySolutions,
+    truth: &HomographySolution,
+    H: &Matrix3<f64>,
+    pairs: &[Correspondence; 4], // s in image 1, r in image 2
+) {
+    let other = [Some(solutions.first), solutions.second].into_iter().flatten().find(|s| s != truth);
+    let mut table = String::from("solution,is_true,angle_rad,nx,ny,nz,ox,oy,oz,rebuilds_H_to,least_depth\n");
+    let mut entries = Vec::new();
+    for (i, found) in [Some(*truth), other].into_iter().flatten().enumerate() {
+        let (is_true, p, n) = (i == 0, found.p_12_1_over_d2, found.n_2);
+        let rebuilt = (found.R_12.matrix() + p * n.transpose() - H).norm();
+        // With d_2 = 1, of every point in front of both cameras: 1 / n_2^T s~_2, and the third component of H p_2.
+        let depths = pairs.iter().flat_map(|pair| {
+            let s_2 = Vector3::new(pair.r.x, pair.r.y, 1.0);
+            let p_2 = s_2 / n.dot(&s_2);
+            [p_2.z, (H * p_2).z]
+        });
+        let least = depths.fold(f64::INFINITY, f64::min);
+        let angle = rotation_angle(&found.R_12);
+        let _ = writeln!(
+            table,
+            "{},{is_true},{angle:.10},{:.10},{:.10},{:.10},{:.10},{:.10},{:.10},{rebuilt:.1e},{least:.10}",
+            i + 1,
+            n.x,
+            n.y,
+            n.z,
+            p.x,
+            p.y,
+            p.z
+        );
+        out.lines.push(format!(
+            "solution {}{}: R_2^1 turns by {angle:.4} rad, n2 = [{:.4} {:.4} {:.4}], o/d2 = [{:.4} {:.4} {:.4}]; it rebuilds H to {rebuilt:.1e}, \
+             and no point is nearer than {least:.3} d2 to either camera",
+            i + 1,
+            if is_true { ", the true one" } else { "" },
+            n.x,
+            n.y,
+            n.z,
+            p.x,
+            p.y,
+            p.z
+        ));
+        entries.push(solution_json(&found, is_true));
+    }
+    out.lines.push(
+        "both show all points in front of both cameras, so that the two images do not tell which is true: the normal does, which the example \
+         knows (0, 0, 1); and so would a third view, a point outside the plane, or the direction in which the camera moved"
+            .into(),
+    );
+    out.metric("solutions", entries);
+    out.table("solutions", table);
 }
 
 /// Problem 10.4: pose of the object from P1 and P2, four coordinates.

@@ -103,13 +103,13 @@ pub const EXPERIMENTS: &[Experiment] = &[
     },
     Experiment {
         name: "example-10-4",
-        about: "Pose of the square by integration with the pseudo-inverse of the interaction matrix; three points leave several poses.",
+        about: "Pose of the square by integration with the pseudo-inverse of the interaction matrix; three points leave two poses, or four.",
         renders: false,
         run: |_| point_examples::example_10_4(),
     },
     Experiment {
         name: "example-10-5",
-        about: "Planar homography between two views, and the camera's displacement from it.",
+        about: "Planar homography between two views, and the two displacements of the camera that it leaves.",
         renders: false,
         run: |_| examples::example_10_5(),
     },

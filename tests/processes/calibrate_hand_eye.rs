@@ -6,10 +6,13 @@
 
 use crate::common::vservo;
 use serde_json::Value;
+use std::f64::consts::PI;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use vservo::calibration::hand_eye::read_visp_pose;
+use vservo::camera_model::camera_info::CameraInfo;
 use vservo::config::Config;
+use vservo::config::assemble::renderer;
 use vservo::geometry::Pose;
 use vservo::robot::Mount;
 
@@ -314,4 +317,82 @@ fn an_arm_visits_views_of_its_board_by_the_clock() {
         run.text()
     );
     assert_eq!(run.summary["safety"]["state"], "stopped", "{}", run.text());
+}
+
+/// Images of the board of `config/chessboard.toml` from these places of it in the camera, and the flange's poses; the camera 50 mm ahead of the flange.
+fn rendered(work: &Path, places: &[[f64; 6]]) -> Vec<String> {
+    let config = Config::load(Some(Path::new("config/chessboard.toml")), &[]).unwrap();
+    let model = config.camera.model;
+    let size = (model.intrinsics().width_px, model.intrinsics().height_px);
+    let info = CameraInfo::new("chessboard", &model).write();
+    let file = |name: &str| work.join(name).display().to_string();
+    std::fs::write(file("camera.yaml"), info).unwrap();
+    let pose = |[x, y, z, roll, pitch, yaw]: [f64; 6]| {
+        let turn = nalgebra::UnitQuaternion::from_euler_angles(roll, pitch, yaw);
+        Pose::from_parts(nalgebra::Translation3::new(x, y, z), turn)
+    };
+    let X_BO = pose([0.51, 0.17, -0.1, PI, 0.0, -0.5 * PI]);
+    let X_EC = Pose::translation(0.0, 0.0, 0.05);
+    let mut renderer = renderer(&config).unwrap();
+    let mut table = String::from("image,x_m,y_m,z_m,qx,qy,qz,qw\n");
+    let mut arguments = Vec::new();
+    for (n, place) in places.iter().enumerate() {
+        let X_CO = pose(*place);
+        let mut image = image::GrayImage::new(size.0, size.1);
+        renderer.render(&[X_CO], n as u64, &mut image);
+        let name = format!("view{n}.png");
+        image.save(file(&name)).unwrap();
+        let X_BE = X_BO * X_CO.inverse() * X_EC.inverse();
+        let (p, q) = (X_BE.translation, X_BE.rotation.coords);
+        writeln!(table, "{name},{},{},{},{},{},{},{}", p.x, p.y, p.z, q.x, q.y, q.z, q.w).unwrap();
+        arguments.push(file(&name));
+    }
+    std::fs::write(file("poses.csv"), table).unwrap();
+    let more = ["--poses", &file("poses.csv"), "--camera", &file("camera.yaml"), "--json"];
+    arguments.extend(more.map(String::from));
+    arguments.extend(["--target".into(), "chessboard:9x6:0.02".into()]);
+    arguments
+}
+
+/// (10.63): one image of a board whose pose is known tells where the camera sits; several check that pose.
+#[test]
+fn one_image_is_enough_where_the_board_is_known() {
+    let work = tempfile::tempdir().unwrap();
+    let run = |places: &[[f64; 6]], board: &str| {
+        ended(&[rendered(work.path(), places), vec!["--board-pose".into(), board.into()]].concat())
+    };
+    let places = [
+        [-0.08, -0.05, 0.4, 0.35, 0.2, 0.1],
+        [-0.09, -0.04, 0.42, -0.4, 0.1, 0.5],
+        [-0.07, -0.06, 0.38, 0.1, -0.45, -0.4],
+        [-0.08, -0.05, 0.41, -0.2, 0.4, 1.0],
+    ];
+    let right = "0.51,0.17,-0.1,180,0,-90";
+    for count in [1, 4] {
+        let found = run(&places[..count], right);
+        assert_eq!(found.code, Some(0), "{} {}", found.out, found.err);
+        let answer: Value = serde_json::from_str(&found.out).unwrap();
+        let off = (nalgebra::Vector3::from(position(&answer, "X_EC"))
+            - nalgebra::Vector3::new(0.0, 0.0, 0.05))
+        .norm();
+        let (sd_mm, verdict) = (number(&answer["sd"]["camera_mm"]), answer["verdict"].to_string());
+        println!("{count} views: {:.3} mm off, stated {sd_mm:.3} mm; {verdict}", off * 1e3);
+        assert!(off < 1e-3 && off * 1e3 < 4.0 * sd_mm, "{off} {sd_mm}");
+        assert_eq!(verdict.contains("One view"), count == 1, "{verdict}");
+        assert_eq!(answer["closed_forms"][0]["method"], "known board, mean of the views");
+        assert_eq!(answer["X_BO"]["covariance"].as_array().unwrap().iter().filter(|c| **c != 0.0).count(), 0);
+        assert_eq!(answer["board_as_seen"].is_null(), count == 1);
+    }
+    // 8 mm beside where it is said to be
+    let wrong = run(&places, "0.518,0.17,-0.1,180,0,-90");
+    assert_eq!(wrong.code, Some(5), "{} {}", wrong.out, wrong.err);
+    let answer: Value = serde_json::from_str(&wrong.out).unwrap();
+    let board = &answer["board_as_seen"];
+    assert!(
+        board["contradicted"] == true && (number(&board["position_error_mm"]) - 8.0).abs() < 1.0,
+        "{board}"
+    );
+    assert!(answer["verdict"].to_string().contains("contradict the board's pose"), "{}", answer["verdict"]);
+    let short = run(&places[..1], "0.5,0.2");
+    assert!(short.code == Some(2) && short.err.contains("six numbers"), "{}", short.err);
 }

@@ -116,6 +116,61 @@ fn example_10_4_with_three_points_has_several_ends() {
     }
 }
 
+/// A regular triangle about the optical axis at sqrt(3) times its circumradius R: all corners at 2 R, or any one of them at R / 2.
+#[test]
+fn a_triangle_about_the_axis_has_four_poses() {
+    let m = findings("example-10-4").metrics;
+    let solutions = m["triangle"].as_array().unwrap();
+    assert_eq!(solutions.len(), 4, "{solutions:?}");
+    assert_eq!(m["three_points"].as_array().unwrap().len(), 2);
+    assert_eq!(solutions.iter().filter(|s| s["is_sought"] == true).count(), 1);
+    let (r, s) = (numbers(&m["triangle_m"]), numbers(&m["triangle_s"]));
+    let mut near = Vec::new();
+    for solution in solutions {
+        assert!(solution["distance_from_beside"].as_f64().unwrap() < 1e-6, "{solution}");
+        let x = numbers(&solution["x"]);
+        let R = nalgebra::Rotation3::from_euler_angles(x[5], x[4], x[3]);
+        for (i, (r, s)) in r.chunks_exact(2).zip(s.chunks_exact(2)).enumerate() {
+            let p = R * nalgebra::Vector3::new(r[0], r[1], 0.0) + nalgebra::Vector3::new(x[0], x[1], x[2]);
+            assert!(p.z > 0.0 && (p.x / p.z - s[0]).abs() < 1e-9 && (p.y / p.z - s[1]).abs() < 1e-9);
+            assert!((p.norm() - 0.2).abs() < 1e-9 || (p.norm() - 0.05).abs() < 1e-9, "{solution}");
+            if p.norm() < 0.1 {
+                near.push(i);
+            }
+        }
+    }
+    near.sort_unstable();
+    assert_eq!(near, [0, 1, 2], "each corner is the near one once");
+}
+
+/// Both solutions of the homography by the closed form for a plane: the second one turns about another axis, and it too has every point in
+/// front of both cameras.
+#[test]
+fn example_10_5_shows_both_admissible_solutions() {
+    let m = findings("example-10-5").metrics;
+    let solutions = m["solutions"].as_array().unwrap();
+    assert_eq!(solutions.len(), 2, "{solutions:?}");
+    assert!(solutions[0]["is_true"] == true && solutions[1]["is_true"] == false);
+    assert_eq!(solutions[0]["n_2"], m["decomposition"]["n_2"]);
+    let H = nalgebra::Matrix3::from_row_slice(&numbers(&m["H"]));
+    let mut seen = Vec::new();
+    for solution in solutions {
+        let R = nalgebra::Matrix3::from_row_slice(&numbers(&solution["R_12"]));
+        let [p, n] = ["displacement_over_d2", "n_2"]
+            .map(|key| nalgebra::Vector3::from_row_slice(&numbers(&solution[key])));
+        assert!((R * R.transpose() - nalgebra::Matrix3::identity()).norm() < 1e-9);
+        assert!((R + p * n.transpose() - H).norm() < 1e-9, "{solution}");
+        for s in numbers(&m["s2"]).chunks_exact(2) {
+            let p_2 = nalgebra::Vector3::new(s[0], s[1], 1.0);
+            let p_2 = p_2 / n.dot(&p_2);
+            assert!(p_2.z > 0.0 && (R * p_2 + p).z > 0.0, "{solution}");
+        }
+        seen.push(n);
+    }
+    // The plane of the false solution is tilted, by the angle between the true normal and the base line (Malis and Vargas 2007).
+    assert!(seen[0].angle(&seen[1]) > 0.5, "{seen:?}");
+}
+
 #[test]
 fn example_10_5_in_closed_form_and_in_print() {
     let m = findings("example-10-5").metrics;

@@ -6,6 +6,7 @@ mod drive;
 mod poses;
 
 use super::super::detect::{calibration, image_file};
+use super::super::pose_tool::numbers_of;
 use super::super::{check_writable, json, shown, write_result};
 use super::CalibrateError;
 use super::boards::believable_square;
@@ -16,6 +17,7 @@ use crate::calibration::hand_eye::{
 };
 use crate::camera_model::CameraModel;
 use crate::control::outcome::Outcome;
+use crate::geometry::Pose;
 use crate::imaging::ImageView;
 use crate::input::printable;
 use crate::process::ProcessError;
@@ -24,6 +26,7 @@ use crate::target::{Kind, Target};
 use crate::vision::{Vision, VisionSettings};
 use answer::{HandEyeAnswer, UnusedImage};
 use clap::Args;
+use nalgebra::{Translation3, UnitQuaternion};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -62,6 +65,10 @@ pub struct HandEyeArguments {
     /// Standard deviation of the robot's rotations about each axis, degrees
     #[arg(long, value_name = "DEG", default_value_t = 0.05)]
     pub robot_sd_deg: f64,
+    /// Where the board rests, where that is known: in the base frame, or on the flange with --eye-to-hand, m, and how it is turned, deg. One view
+    /// is enough then
+    #[arg(long, value_name = "X,Y,Z,ROLL,PITCH,YAW", allow_hyphen_values = true)]
+    pub board_pose: Option<String>,
     /// Find the time between the stamps of robot and camera too: the table states velocities
     #[arg(long)]
     pub time_offset: bool,
@@ -77,11 +84,12 @@ pub struct HandEyeArguments {
 }
 
 impl HandEyeArguments {
-    fn settings(&self) -> HandEyeSettings {
+    fn settings(&self) -> Result<HandEyeSettings, CalibrateError> {
         let place = if self.eye_to_hand { CameraMount::EyeToHand } else { CameraMount::EyeInHand };
         let robot =
             RobotSd { rotation_rad: self.robot_sd_deg.to_radians(), translation_m: self.robot_sd_mm * 1e-3 };
-        HandEyeSettings { place, robot, time_offset: self.time_offset }
+        let X_WO = self.board_pose.as_deref().map(board_pose).transpose()?;
+        Ok(HandEyeSettings { place, robot, time_offset: self.time_offset, X_WO })
     }
 
     fn check(&self) -> Result<(), CalibrateError> {
@@ -132,6 +140,7 @@ pub(in super::super) fn hand_eye(arguments: &HandEyeArguments) -> Result<u8, Pro
 
 fn answer(arguments: &HandEyeArguments) -> Result<HandEyeAnswer, CalibrateError> {
     arguments.check()?;
+    let settings = arguments.settings()?;
     let (Some(word), Some(file)) = (&arguments.target, &arguments.camera) else {
         return Err(CalibrateError::with_code(2, "--target and --camera are needed"));
     };
@@ -152,7 +161,6 @@ fn answer(arguments: &HandEyeArguments) -> Result<HandEyeAnswer, CalibrateError>
             }
         }
     }
-    let settings = arguments.settings();
     let report = stage("fit", || calibrate_hand_eye(&views, &camera, &settings));
     let fits =
         |report: &Result<HandEyeReport, _>| report.as_ref().is_ok_and(|report| !report.is_contradicted());
@@ -163,12 +171,17 @@ fn answer(arguments: &HandEyeArguments) -> Result<HandEyeAnswer, CalibrateError>
         ),
         CameraMount::EyeToHand => (CameraMount::EyeInHand, "leave --eye-to-hand out"),
     };
-    if !fits(&report) && fits(&calibrate_hand_eye(&views, &camera, &HandEyeSettings { place, ..settings })) {
+    // One view of a board whose pose is known fits whatever is said of it.
+    let tells = views.len() > 1;
+    if tells
+        && !fits(&report)
+        && fits(&calibrate_hand_eye(&views, &camera, &HandEyeSettings { place, ..settings }))
+    {
         let message =
             format!("the poses belong to the images where the camera is {}: {remedy}", place.words());
         return Err(CalibrateError::with_code(Outcome::NotConverged.exit_code(), message));
     }
-    if fits_as_w_x_y_z(&views, &camera, &settings, &report) {
+    if tells && fits_as_w_x_y_z(&views, &camera, &settings, &report) {
         return Err(CalibrateError::with_code(
             Outcome::NotConverged.exit_code(),
             "--poses: the poses do not belong to the images as they are written, but do where the four numbers of each rotation are \
@@ -178,6 +191,22 @@ fn answer(arguments: &HandEyeArguments) -> Result<HandEyeAnswer, CalibrateError>
     let report =
         report.map_err(|e| CalibrateError::with_code(Outcome::NotConverged.exit_code(), e.to_string()))?;
     Ok(HandEyeAnswer::new(report, &views, unused))
+}
+
+/// The pose of `--board-pose`.
+fn board_pose(text: &str) -> Result<Pose, CalibrateError> {
+    let refused = |what: &str| {
+        CalibrateError::usage(format!(
+            "--board-pose {text}: {what}: X,Y,Z in m, and how it is turned, ROLL,PITCH,YAW in deg"
+        ))
+    };
+    let [x, y, z, angles @ ..] = numbers_of::<6>(text).ok_or_else(|| refused("is no list of six numbers"))?;
+    // The ranges of the run file's keys, which must take what is found with these numbers.
+    if [x, y, z].iter().any(|m| !(m.abs() <= 100.0)) || angles.iter().any(|a| !(a.abs() <= 361.0)) {
+        return Err(refused("is out of range, allowed are 100 m and 361 deg"));
+    }
+    let [roll, pitch, yaw] = angles.map(f64::to_radians);
+    Ok(Pose::from_parts(Translation3::new(x, y, z), UnitQuaternion::from_euler_angles(roll, pitch, yaw)))
 }
 
 /// The target, if its points can be identified in a single image.

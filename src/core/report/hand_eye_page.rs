@@ -87,11 +87,12 @@ fn three(values: &[f64], from: usize) -> [f64; 3] {
 /// How far the closed forms lie from the refinement.
 fn closed_forms(report: &HandEyeReport) -> String {
     let X = report.X_MC();
-    let gaps = [&report.separate, &report.dual_quaternion].map(|other| {
+    let gaps = report.closed_forms.iter().map(|form| {
+        let other = &form.X_MC;
         let mm = (other.translation.vector - X.translation.vector).norm() * 1e3;
         (mm, other.rotation.angle_to(&X.rotation).to_degrees())
     });
-    let most = gaps.into_iter().fold((0.0, 0.0), |a: (f64, f64), b| (a.0.max(b.0), a.1.max(b.1)));
+    let most = gaps.fold((0.0, 0.0), |a: (f64, f64), b| (a.0.max(b.0), a.1.max(b.1)));
     format!("{} mm and {} deg", significant(most.0, 2), significant(most.1, 2))
 }
 
@@ -198,10 +199,10 @@ fn whereabouts(report: &HandEyeReport) -> String {
         let of = || at.iter().filter_map(move |p| p.get(i).copied());
         of().fold(f64::NEG_INFINITY, f64::max) - of().fold(f64::INFINITY, f64::min)
     };
-    let across_deg = report.spread.across_rad.to_degrees();
     let says = if at.is_empty() {
         "No view took part.".to_owned()
-    } else {
+    } else if let Some(spread) = &report.spread {
+        let across_deg = spread.across_rad.to_degrees();
         format!(
             "The camera moved over {} by {} by {} m, and turned by {} deg about axes other than the one it turned about most: the more, \
              the surer its position along that one.",
@@ -210,6 +211,8 @@ fn whereabouts(report: &HandEyeReport) -> String {
             significant(span(2), 2),
             significant(across_deg, 2)
         )
+    } else {
+        "One view took part, of a board whose pose was known.".to_owned()
     };
     figure(TITLE, &says, "Views that took part, with the corrected poses of the robot.", |width| {
         figure_svg(&panels, 2, width, TITLE)

@@ -214,7 +214,7 @@ fn otsu_of(field: &Field) -> Result<f64> {
     let (least, greatest) =
         values.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(a, b), v| (a.min(*v), b.max(*v)));
     let width = f64::from(greatest - least) / 256.0;
-    let levels = mapped(&field.values, |v: f32| (f64::from(v - least) / width).min(255.0) as u8);
+    let levels = mapped(&field.values, |v: f32| (f64::from(v - least) / width) as u8);
     let view = ImageView::new(levels.as_slice(), field.values.width(), field.values.height());
     let split = view.ok().filter(|_| width > 0.0).and_then(|view| Histogram::of(&view).otsu());
     split

@@ -1,6 +1,6 @@
 //! The result of a hand-eye calibration: JSON for programs, lines for people, TOML for the run file.
 
-use crate::calibration::hand_eye::{CameraMount, HandEyeReport, HandEyeView, HeldOutView, LoopScatter};
+use crate::calibration::hand_eye::{CameraMount, ClosedFormCamera, HandEyeReport, HandEyeView, HeldOutView};
 use crate::geometry::Pose;
 use crate::report::hand_eye_page::{HandEyePage, hand_eye_page};
 use nalgebra::{Matrix6, Rotation3};
@@ -87,6 +87,16 @@ struct ClosedForm {
     pose: MountOut,
     rotation_error_deg: f64,
     position_error_mm: f64,
+}
+
+/// What the views by themselves make of a board whose pose was said, and how far that is from it.
+#[derive(Serialize)]
+struct BoardOut {
+    pose: MountOut,
+    position_error_mm: f64,
+    rotation_error_deg: f64,
+    chi_square: f64,
+    contradicted: bool,
 }
 
 #[derive(Serialize)]
@@ -248,11 +258,11 @@ impl HandEyeAnswer {
 impl Serialize for HandEyeAnswer {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let r = &self.report;
-        let closed = |method, X: &Pose, scatter: &LoopScatter| ClosedForm {
-            method,
-            pose: MountOut::new(X, None),
-            rotation_error_deg: scatter.rotation_rad.to_degrees(),
-            position_error_mm: scatter.position_m * 1e3,
+        let closed = |form: &ClosedFormCamera| ClosedForm {
+            method: form.method,
+            pose: MountOut::new(&form.X_MC, None),
+            rotation_error_deg: form.scatter.rotation_rad.to_degrees(),
+            position_error_mm: form.scatter.position_m * 1e3,
         };
         let deviation = |rotation_rad: f64, translation_m: f64| Deviation {
             translation_mm: translation_m * 1e3,
@@ -297,13 +307,16 @@ impl Serialize for HandEyeAnswer {
             .offset_sd_s
             .map(|sd_s| Offset { camera_stamp_offset_ms: r.fit.offset_s * 1e3, sd_ms: sd_s * 1e3 });
         map.serialize_entry("time_offset", &offset)?;
-        map.serialize_entry(
-            "closed_forms",
-            &[
-                closed("rotation, then position", &r.separate, &r.scatter_separate),
-                closed("dual quaternions", &r.dual_quaternion, &r.scatter_dual_quaternion),
-            ],
-        )?;
+        map.serialize_entry("closed_forms", &r.closed_forms.iter().map(closed).collect::<Vec<_>>())?;
+        map.serialize_entry("known_board", &r.known_board)?;
+        let board = r.board_as_seen.map(|board| BoardOut {
+            pose: MountOut::new(&board.X_WO, None),
+            position_error_mm: board.position_m * 1e3,
+            rotation_error_deg: board.rotation_rad.to_degrees(),
+            chi_square: board.chi_square,
+            contradicted: board.is_contradicted(),
+        });
+        map.serialize_entry("board_as_seen", &board)?;
         if let Some(driven) = &self.driven {
             map.serialize_entry("driven", driven)?;
         }

@@ -29,6 +29,10 @@ pub(super) fn driven(
     arguments: &HandEyeArguments,
     path: Option<&Path>,
 ) -> Result<Result<HandEyeAnswer, CalibrateError>, ProcessError> {
+    let known = match arguments.settings() {
+        Ok(known) => known,
+        Err(refusal) => return Ok(Err(refusal)),
+    };
     let mut set = vec![DURATION.to_owned()];
     set.extend(arguments.set.iter().cloned());
     set.extend(SETTINGS.map(String::from));
@@ -50,7 +54,7 @@ pub(super) fn driven(
         return Ok(Err(CalibrateError::with_code(run.finish.outcome.exit_code(), run.finish.reason)));
     }
     let (place, believed) = place_of(&config.camera.mount);
-    let settings = HandEyeSettings { place, ..arguments.settings() };
+    let settings = HandEyeSettings { place, ..known };
     let report = match calibrate_hand_eye(&views, &config.camera.model, &settings) {
         Ok(report) => report,
         Err(e) => {

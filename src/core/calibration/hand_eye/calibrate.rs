@@ -3,9 +3,10 @@
 use super::board_pose::{CORNER_LOSS, board_pose, model_sd_px};
 use super::dual_quaternion::dual_quaternion_solution;
 use super::joint::{JointFit, JointSettings, RobotSd, refine_jointly};
+use super::known_board::{BoardAsSeen, by_known_board, scatter_about};
 use super::leave_one_out::leave_one_out;
-use super::observability::rotation_spread;
-use super::report::{HandEyeReport, ViewResidual};
+use super::observability::{RotationSpread, rotation_spread};
+use super::report::{ClosedFormCamera, HandEyeReport, ViewResidual};
 use super::scatter::loop_scatter;
 use super::separate::separate_solution;
 use super::settled::{is_settled, view_speed_px_s};
@@ -34,13 +35,15 @@ pub struct HandEyeSettings {
     pub robot: RobotSd,
     /// Whether the time between the stamps of robot and camera is sought; without it views in motion are left out.
     pub time_offset: bool,
+    /// The board in the frame in which it rests, where that is known: it is held there.
+    pub X_WO: Option<Pose>,
 }
 
 impl HandEyeSettings {
     /// The usual ones.
     #[must_use]
     pub fn of(place: CameraMount) -> Self {
-        Self { place, robot: RobotSd::default(), time_offset: false }
+        Self { place, robot: RobotSd::default(), time_offset: false, X_WO: None }
     }
 }
 
@@ -77,8 +80,12 @@ pub fn calibrate_hand_eye(
             chi_square += squares;
         }
     }
-    if used.len() < MIN_VIEWS {
-        return Err(HandEyeError::TooFewViews { given: used.len() });
+    let fewest = if settings.X_WO.is_some() { 1 } else { MIN_VIEWS };
+    if used.len() < fewest {
+        return Err(HandEyeError::TooFewViews { given: used.len(), needed: fewest });
+    }
+    if settings.X_WO.iter().any(|X| !X.to_homogeneous().iter().all(|x| x.is_finite())) {
+        return Err(HandEyeError::NotFinite { view: "all".into(), what: "the board's pose" });
     }
     let model_sd_px = model_sd_px(&used, chi_square);
     let mut samples = Vec::with_capacity(used.len());
@@ -89,32 +96,54 @@ pub fn calibrate_hand_eye(
         let (X_CO, _) = board_pose(view, camera, Some(near), CORNER_LOSS)?;
         samples.push(LoopSample { X_WM: settings.place.X_WM(&view.X_BE), X_CO });
     }
-    let spread = rotation_spread(&samples).ok_or(HandEyeError::NoStart)?;
-    spread.check(settings.place)?;
-    let separate = separate_solution(&samples).ok_or(HandEyeError::NoStart)?;
-    let dual_quaternion =
-        dual_quaternion_solution(&samples, &separate.rotation).ok_or(HandEyeError::NoStart)?;
-    let start = loop_scatter(&samples, &separate).ok_or(HandEyeError::NoStart)?;
-    other_place(settings.place, &samples, start.position_m)?;
-
-    let mut joint = JointSettings {
+    let spread = rotation_spread(&samples);
+    let closed = match &settings.X_WO {
+        None => {
+            spread.as_ref().ok_or(HandEyeError::NoStart)?.check(settings.place)?;
+            Some(closed_forms(settings.place, &samples)?)
+        }
+        Some(_) => enough_by_themselves(settings.place, &samples, spread.as_ref()),
+    };
+    let stated = JointSettings {
         place: settings.place,
         robot: settings.robot,
         loss: CORNER_LOSS,
         time_offset: settings.time_offset,
+        known_board: settings.X_WO.is_some(),
     };
-    let fit = fitted(&used, camera, &mut joint, &separate, &start.X_WO)?;
+    let mut joint = stated;
+    let mut forms: Vec<_> = closed.iter().flatten().copied().collect();
+    let (fit, board_as_seen) = match (&settings.X_WO, &closed) {
+        (None, Some([separate, _])) => {
+            (fitted(&used, camera, &mut joint, &separate.X_MC, &separate.scatter.X_WO)?, None)
+        }
+        (None, None) => return Err(HandEyeError::NoStart),
+        (Some(X_WO), _) => {
+            let start = by_known_board(&samples, X_WO).ok_or(HandEyeError::NoStart)?;
+            forms.insert(0, start);
+            let fit = fitted(&used, camera, &mut joint, &start.X_MC, X_WO)?;
+            // What the views make of the board by themselves; where they make nothing of it, they do not contradict it.
+            let mut free = JointSettings { known_board: false, ..stated };
+            let seen = closed.and_then(|[separate, _]| {
+                let by_views =
+                    fitted(&used, camera, &mut free, &separate.X_MC, &separate.scatter.X_WO).ok()?;
+                BoardAsSeen::of(X_WO, &by_views, free.robot)
+            });
+            (fit, seen)
+        }
+    };
     let views: Vec<_> = used.iter().collect();
     let held_out = leave_one_out(&views, &samples, camera, &joint, &fit);
-    let scatter = loop_scatter(&samples, &fit.X_MC).ok_or(HandEyeError::NoStart)?;
-    let scatter_of = |X: &Pose| loop_scatter(&samples, X).unwrap_or(scatter);
+    let scatter = match &settings.X_WO {
+        Some(X_WO) => Some(scatter_about(&samples, &fit.X_MC, X_WO)),
+        None => loop_scatter(&samples, &fit.X_MC),
+    };
     let mut report = HandEyeReport {
         place: settings.place,
-        scatter_separate: scatter_of(&separate),
-        scatter_dual_quaternion: scatter_of(&dual_quaternion),
-        separate,
-        dual_quaternion,
-        scatter,
+        closed_forms: forms,
+        scatter: scatter.ok_or(HandEyeError::NoStart)?,
+        board_as_seen,
+        known_board: stated.known_board,
         held_out,
         robot_stated: settings.robot,
         robot_seen: joint.robot,
@@ -129,6 +158,29 @@ pub fn calibrate_hand_eye(
     report.tell_residuals(&views, camera, &joint);
     report.verdict = super::verdict::verdict(&report);
     Ok(report)
+}
+
+/// The two closed forms without the board's pose.
+fn closed_forms(place: CameraMount, samples: &[LoopSample]) -> Result<[ClosedFormCamera; 2], HandEyeError> {
+    let separate = separate_solution(samples).ok_or(HandEyeError::NoStart)?;
+    let dual = dual_quaternion_solution(samples, &separate.rotation).ok_or(HandEyeError::NoStart)?;
+    let start = loop_scatter(samples, &separate).ok_or(HandEyeError::NoStart)?;
+    other_place(place, samples, start.position_m)?;
+    let scatter = loop_scatter(samples, &dual).unwrap_or(start);
+    Ok([
+        ClosedFormCamera { method: "rotation, then position", X_MC: separate, scatter: start },
+        ClosedFormCamera { method: "dual quaternions", X_MC: dual, scatter },
+    ])
+}
+
+/// The same where the board's pose is known, if the views would be enough without.
+fn enough_by_themselves(
+    place: CameraMount,
+    samples: &[LoopSample],
+    spread: Option<&RotationSpread>,
+) -> Option<[ClosedFormCamera; 2]> {
+    let is_enough = samples.len() >= MIN_VIEWS && spread.is_some_and(|spread| spread.check(place).is_ok());
+    is_enough.then(|| closed_forms(place, samples).ok()).flatten()
 }
 
 /// The joint fit with deviations of the robot, in `joint`, that the views do not contradict.
@@ -154,8 +206,8 @@ fn fitted(
             // as above: else a division by 0
             turn_squares += d.fixed_rows::<3>(3).norm_squared() / rotation_rad.max(1e-12).powi(2);
         }
-        // the images tell each view's pose well: of 6 corrections a view 12 go into X_MC and X_WO
-        let freedom = 3.0 * all.len() as f64 - 6.0;
+        // the images tell each view's pose well: of 6 corrections a view 12 go into X_MC and X_WO, 6 of them where the board is known
+        let freedom = 3.0 * all.len() as f64 - if joint.known_board { 3.0 } else { 6.0 };
         let changed = way.raise(way_squares, freedom).max(turn.raise(turn_squares, freedom));
         if changed < SETTLED || round == ROUNDS {
             return Ok(fit);

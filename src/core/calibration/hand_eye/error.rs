@@ -1,19 +1,21 @@
 //! Why there is no hand-eye calibration.
 
-use super::{MAX_VIEWS, MIN_VIEWS};
+use super::MAX_VIEWS;
 use crate::pose::PoseError;
 use thiserror::Error;
 
 /// Why there is none.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum HandEyeError {
-    /// Two motions are the least.
+    /// Two motions are the least, or one view of a board whose pose is known.
     #[error(
-        "hand-eye: {given} usable views, at least {MIN_VIEWS} are needed (better 10 to 20): take more images"
+        "hand-eye: {given} usable views, at least {needed} are needed (better 10 to 20): take more images"
     )]
     TooFewViews {
         /// How many there are.
         given: usize,
+        /// How many there would have to be.
+        needed: usize,
     },
     /// More than are taken.
     #[error("hand-eye: {given} views, at most {MAX_VIEWS} are taken: leave some out")]

@@ -8,7 +8,9 @@
 //! robot's maker or a measurement states. Gauss-Newton with Levenberg's damping; each view's correction is eliminated from the
 //! normal equations (Schur), so that time grows with the number of views and no more.
 
-use super::rows::{ALL, ArmAt, GLOBAL, HandEyeUnknowns, TIME, ViewRows, correction, moved, moved_inside};
+use super::rows::{
+    ALL, ArmAt, BOARD, GLOBAL, HandEyeUnknowns, TIME, ViewRows, correction, moved, moved_inside,
+};
 use super::{CameraMount, HandEyeError, HandEyeView};
 use crate::camera_model::CameraModel;
 use crate::features::NormalEquations;
@@ -57,6 +59,21 @@ pub struct JointSettings {
     pub loss: Loss,
     /// Whether the time between the stamps is an unknown; needs views in motion with known twists.
     pub time_offset: bool,
+    /// Whether the board's pose is known: it stays where the fit starts, and one view is enough.
+    pub known_board: bool,
+}
+
+impl JointSettings {
+    /// Squares of all errors, with nothing known of the board and nothing sought of the time.
+    #[must_use]
+    pub fn least_squares(place: CameraMount, robot: RobotSd) -> Self {
+        Self { place, robot, loss: Loss::Squares, time_offset: false, known_board: false }
+    }
+
+    /// Whether this one of the global unknowns keeps its value.
+    fn holds(&self, unknown: usize) -> bool {
+        if unknown == TIME { !self.time_offset } else { unknown >= BOARD && self.known_board }
+    }
 }
 
 /// The end of a refinement.
@@ -72,7 +89,7 @@ pub struct JointFit {
     /// `exp(w) R`, with `v` and `w` along the axes of M (the flange's in hand, the base's beside the arm). `v` is the change of
     /// the camera's own position, not the velocity at M's origin that a twist of a rigid body may mean.
     pub covariance_X_MC: Matrix6<f64>,
-    /// The same of `X_WO`, along the axes of W.
+    /// The same of `X_WO`, along the axes of W; zero of a board whose pose is known.
     pub covariance_X_WO: Matrix6<f64>,
     /// Standard deviation of `offset_s`, s; `None` where it was not asked for.
     pub offset_sd_s: Option<f64>,
@@ -107,9 +124,9 @@ pub fn refine_jointly(
     let mut here = problem.sums(&state)?;
     let mut damping = 0.0;
     for iterations in 1..=MAX_ITERATIONS {
-        let Some(step) = here.step(damping, settings.time_offset) else {
+        let Some(step) = here.step(damping, settings) else {
             // without a rank where it begins there is none nearby
-            return Err(here.undetermined(settings.time_offset));
+            return Err(here.undetermined(settings));
         };
         let candidate = state.after(&step);
         // A strongly damped step is short because of the damping, so that it does not show convergence.
@@ -190,7 +207,7 @@ impl HandEyeUnknowns {
         let steps = step.views.iter().chain(std::iter::repeat(&none));
         Self {
             X_MC: moved(&self.X_MC, &step.global.fixed_rows::<6>(0).into_owned()),
-            X_WO: moved(&self.X_WO, &step.global.fixed_rows::<6>(6).into_owned()),
+            X_WO: moved(&self.X_WO, &step.global.fixed_rows::<6>(BOARD).into_owned()),
             offset_s: self.offset_s + step.global[TIME],
             arm: self.arm.iter().zip(steps).map(|(X_BE, d)| moved_inside(X_BE, d)).collect(),
         }
@@ -264,16 +281,20 @@ impl RefinementProblem<'_> {
         sums: &JointEquations,
         iterations: u32,
     ) -> Result<JointFit, HandEyeError> {
-        let free = self.settings.time_offset;
-        let inverse = sums.factors(0.0, free).ok_or_else(|| sums.undetermined(free))?.1.inverse();
-        let covariance = SMatrix::<f64, GLOBAL, GLOBAL>::from(inverse);
+        let settings = self.settings;
+        let factors = sums.factors(0.0, settings).ok_or_else(|| sums.undetermined(settings))?;
+        let mut covariance = SMatrix::<f64, GLOBAL, GLOBAL>::from(factors.1.inverse());
+        for held in (0..GLOBAL).filter(|i| settings.holds(*i)) {
+            covariance.fill_row(held, 0.0);
+            covariance.fill_column(held, 0.0);
+        }
         Ok(JointFit {
             X_MC: state.X_MC,
             X_WO: state.X_WO,
             offset_s: state.offset_s,
             covariance_X_MC: covariance.fixed_view::<6, 6>(0, 0).into_owned(),
-            covariance_X_WO: covariance.fixed_view::<6, 6>(6, 6).into_owned(),
-            offset_sd_s: free.then(|| covariance[(TIME, TIME)].sqrt()),
+            covariance_X_WO: covariance.fixed_view::<6, 6>(BOARD, BOARD).into_owned(),
+            offset_sd_s: settings.time_offset.then(|| covariance[(TIME, TIME)].sqrt()),
             corrections: self.views.iter().zip(&state.arm).map(|(v, X)| correction(&v.X_BE, X).0).collect(),
             arm: state.arm.clone(),
             chi_square: sums.chi_square,
@@ -288,7 +309,7 @@ type Factors = (Vec<Ldlt<6>>, Ldlt<GLOBAL>);
 
 impl JointEquations {
     /// Damped by `damping` of the diagonal. `None` where something is not determined.
-    fn factors(&self, damping: f64, time_offset: bool) -> Option<Factors> {
+    fn factors(&self, damping: f64, settings: &JointSettings) -> Option<Factors> {
         let mut left = self.matrix;
         for i in 0..GLOBAL {
             left[(i, i)] *= 1.0 + damping;
@@ -300,22 +321,22 @@ impl JointEquations {
             left -= view.mixed * Matrix6::from(factors.inverse()) * view.mixed.transpose();
             own.push(factors);
         }
-        if !time_offset {
-            left.fill_row(TIME, 0.0);
-            left.fill_column(TIME, 0.0);
-            left[(TIME, TIME)] = 1.0;
+        for held in (0..GLOBAL).filter(|i| settings.holds(*i)) {
+            left.fill_row(held, 0.0);
+            left.fill_column(held, 0.0);
+            left[(held, held)] = 1.0;
         }
         Some((own, Ldlt::of(&left)?))
     }
 
-    fn step(&self, damping: f64, time_offset: bool) -> Option<RefinementStep> {
-        let (own, left) = self.factors(damping, time_offset)?;
+    fn step(&self, damping: f64, settings: &JointSettings) -> Option<RefinementStep> {
+        let (own, left) = self.factors(damping, settings)?;
         let mut right = self.right;
         for (view, factors) in self.views.iter().zip(&own) {
             right -= view.mixed * Vector6::from(factors.solve(&view.right.into()));
         }
-        if !time_offset {
-            right[TIME] = 0.0;
+        for held in (0..GLOBAL).filter(|i| settings.holds(*i)) {
+            right[held] = 0.0;
         }
         let global = Global::from(left.solve(&right.into()));
         let of_view = |(view, factors): (&ViewSums, &Ldlt<6>)| {
@@ -337,8 +358,9 @@ impl JointEquations {
         (self.loss / (2 * self.corners).saturating_sub(GLOBAL).max(1) as f64).max(NOTHING)
     }
 
-    fn undetermined(&self, time_offset: bool) -> HandEyeError {
-        let what = if time_offset && self.factors(0.0, false).is_some() {
+    fn undetermined(&self, settings: &JointSettings) -> HandEyeError {
+        let at_rest = JointSettings { time_offset: false, ..*settings };
+        let what = if settings.time_offset && self.factors(0.0, &at_rest).is_some() {
             "the time offset"
         } else {
             "the camera's pose"

@@ -34,7 +34,7 @@ pub struct HeldOut {
 }
 
 /// Fits all views but one, for each of them, from the end of the fit of all. `None` where no fit is possible: of three views, two do
-/// not determine anything.
+/// not determine anything, unless the board's pose is known.
 ///
 /// `samples`: each view's loop, for the poses of the board as its own image has them.
 #[must_use]
@@ -45,13 +45,15 @@ pub fn leave_one_out(
     settings: &JointSettings,
     all: &JointFit,
 ) -> Option<HeldOut> {
-    if views.len() <= MIN_VIEWS || samples.len() != views.len() {
+    let fewest = if settings.known_board { 1 } else { MIN_VIEWS };
+    if views.len() <= fewest || samples.len() != views.len() {
         return None;
     }
     let mut held = Vec::with_capacity(views.len());
     for (i, (view, sample)) in views.iter().zip(samples).enumerate() {
         let others: Vec<_> = without(views, i);
-        let enough = rotation_spread(&without(samples, i)).is_some_and(|s| s.check(settings.place).is_ok());
+        let enough = settings.known_board
+            || rotation_spread(&without(samples, i)).is_some_and(|s| s.check(settings.place).is_ok());
         let fit =
             if enough { refine_jointly(&others, camera, settings, &all.X_MC, &all.X_WO).ok() } else { None };
         held.push(fit.map(|fit| against(view, sample, camera, settings, &fit)));

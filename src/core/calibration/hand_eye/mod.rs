@@ -14,6 +14,9 @@
 //!            board_pose     observability             separate,           joint               leave_one_out    report
 //!                                                     dual_quaternion
 //! ```
+//! Where the board's pose `X_WO` is known, every view tells the camera's pose by itself, (10.62), (10.63): `known_board` has their mean, from which
+//! the joint refinement starts with the board held.
+//!
 //! SI units and radians inside; image errors in px.
 
 mod board_pose;
@@ -22,6 +25,7 @@ mod dual_quaternion;
 mod error;
 mod extrinsics;
 mod joint;
+mod known_board;
 mod leave_one_out;
 mod observability;
 mod poses_file;
@@ -40,11 +44,12 @@ pub use dual_quaternion::dual_quaternion_solution;
 pub use error::HandEyeError;
 pub use extrinsics::{camera_in_base, camera_in_effector};
 pub use joint::{JointFit, JointSettings, RobotSd, refine_jointly};
+pub use known_board::{BoardAsSeen, cameras_by_known_board};
 pub use leave_one_out::{HeldOut, HeldOutView, leave_one_out};
 pub use observability::{RotationSpread, rotation_spread};
 pub use poses_file::{ArmPose, PosesFileError, read_poses};
 pub use quaternion_order::fits_as_w_x_y_z;
-pub use report::{AtDistance, HandEyeReport, ViewResidual};
+pub use report::{AtDistance, ClosedFormCamera, HandEyeReport, ViewResidual};
 pub use scatter::{LoopScatter, loop_scatter};
 pub use separate::separate_solution;
 pub use settled::{corner_speed_px_s, flange_speed_px_s, is_settled};
@@ -57,7 +62,7 @@ use nalgebra::{Point3, Vector2};
 /// Most views of a calibration: leave-one-out fits all of them once for each, so that its time grows with the square. Chosen by
 /// hand: far more than a tour has, and errors fall with the root alone.
 pub const MAX_VIEWS: usize = 200;
-/// Fewest views, because two motions about different axes are needed (Tsai and Lenz 1989).
+/// Fewest views, because two motions about different axes are needed (Tsai and Lenz 1989); of a board whose pose is known one is enough.
 pub const MIN_VIEWS: usize = 3;
 
 /// Where the camera is.

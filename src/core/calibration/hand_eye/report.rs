@@ -1,5 +1,6 @@
 //! What a hand-eye calibration found, in numbers.
 
+use super::known_board::BoardAsSeen;
 use super::leave_one_out::{HeldOut, rms_px};
 use super::observability::RotationSpread;
 use super::rows::{ArmAt, ViewRows};
@@ -61,6 +62,17 @@ pub struct AtDistance {
     pub camera_m: f64,
 }
 
+/// The camera by a closed form.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ClosedFormCamera {
+    /// Which, in words.
+    pub method: &'static str,
+    /// The camera in the frame that bears it.
+    pub X_MC: Pose,
+    /// How far the board's places by the single views lie apart with it.
+    pub scatter: LoopScatter,
+}
+
 /// A calibration, and how good it is.
 #[derive(Debug, Clone, PartialEq)]
 pub struct HandEyeReport {
@@ -68,17 +80,15 @@ pub struct HandEyeReport {
     pub place: CameraMount,
     /// The joint refinement.
     pub fit: JointFit,
-    /// Camera by rotation first, position then.
-    pub separate: Pose,
-    /// Camera by dual quaternions.
-    pub dual_quaternion: Pose,
-    /// How far the board's places by the single views lie apart.
+    /// The camera by closed forms: from a known board, by rotation first and position then, by dual quaternions; those that the views allow.
+    pub closed_forms: Vec<ClosedFormCamera>,
+    /// How far the board's places by the single views lie apart, or of a known board how far they lie from it.
     pub scatter: LoopScatter,
-    /// The same for the closed form `separate`.
-    pub scatter_separate: LoopScatter,
-    /// The same for `dual_quaternion`.
-    pub scatter_dual_quaternion: LoopScatter,
-    /// Each view predicted by the others; `None` with three views.
+    /// Where the board's pose is known and the views determine it too: what they make of it.
+    pub board_as_seen: Option<BoardAsSeen>,
+    /// Whether the board's pose was known.
+    pub known_board: bool,
+    /// Each view predicted by the others; `None` with three views (of a known board: one).
     pub held_out: Option<HeldOut>,
     /// Deviations of the robot's poses as stated.
     pub robot_stated: RobotSd,
@@ -87,8 +97,8 @@ pub struct HandEyeReport {
     /// How far corners lie from where lens and board have them beyond their own deviations, one standard deviation, px; 0 where those
     /// explain everything.
     pub model_sd_px: f64,
-    /// How far the arm turned.
-    pub spread: RotationSpread,
+    /// How far the arm turned; `None` with one view.
+    pub spread: Option<RotationSpread>,
     /// All views.
     pub views: Vec<ViewResidual>,
     /// Distance of all corners from where the calibration has them with the poses that the robot stated, root mean square, px.
@@ -107,10 +117,16 @@ impl HandEyeReport {
     }
 
     /// Whether images and robot contradict each other: no robot as good as was stated has been at the poses that its file says, by the
-    /// camera and the board that were named.
+    /// camera and the board that were named; or whether they contradict the pose that the board was said to have.
     #[must_use]
     pub fn is_contradicted(&self) -> bool {
-        let (seen, stated) = (&self.robot_seen, &self.robot_stated);
+        self.is_robot_contradicted() || self.board_as_seen.is_some_and(|board| board.is_contradicted())
+    }
+
+    /// Whether images and robot contradict each other, wherever the board is.
+    pub(super) fn is_robot_contradicted(&self) -> bool {
+        let stated = &self.robot_stated;
+        let seen = self.board_as_seen.map_or(self.robot_seen, |board| board.robot_seen);
         seen.translation_m > stated.translation_m || seen.rotation_rad > stated.rotation_rad
     }
 

@@ -17,6 +17,8 @@ use nalgebra::{Matrix3, Matrix6, Point3, SMatrix, SVector, Translation3, UnitQua
 /// Unknowns of all views together: `X_MC`, `X_WO`, tau; 6 + 6 + 1, and tau's place follows.
 pub(super) const GLOBAL: usize = 13;
 pub(super) const TIME: usize = GLOBAL - 1;
+/// The place of `X_WO`. Derived: it follows the six of `X_MC`.
+pub(super) const BOARD: usize = 6;
 /// With those of one view: the twist of its `X_BE'`, which needs six.
 pub(super) const ALL: usize = GLOBAL + 6;
 

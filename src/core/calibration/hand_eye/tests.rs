@@ -3,14 +3,14 @@
 use super::testing::{SimulatedCell, around, camera, gap, pose};
 use super::*;
 use crate::linalg::Random;
-use crate::pose::{Loss, normalized_error};
+use crate::pose::normalized_error;
 use nalgebra::Vector3;
 use proptest::prelude::*;
 
 const PLACES: [CameraMount; 2] = [CameraMount::EyeInHand, CameraMount::EyeToHand];
 
 fn settings(cell: &SimulatedCell) -> JointSettings {
-    JointSettings { place: cell.place, robot: cell.robot, loss: Loss::Squares, time_offset: false }
+    JointSettings::least_squares(cell.place, cell.robot)
 }
 
 fn all(views: &[HandEyeView]) -> Vec<&HandEyeView> {
@@ -140,7 +140,8 @@ fn the_refinement_is_better_than_the_closed_forms() {
         let views = cell.views(8, &mut random);
         let settings = HandEyeSettings { robot: cell.robot, ..HandEyeSettings::of(cell.place) };
         let report = calibrate_hand_eye(&views, &camera(), &settings).unwrap();
-        for (sum, X) in squares.iter_mut().zip([report.X_MC(), report.separate, report.dual_quaternion]) {
+        let [separate, dual] = [0, 1].map(|form: usize| report.closed_forms[form].X_MC);
+        for (sum, X) in squares.iter_mut().zip([report.X_MC(), separate, dual]) {
             *sum += (X.translation.vector - cell.X_MC.translation.vector).norm_squared();
         }
     }
@@ -225,7 +226,7 @@ fn views_in_motion_are_left_out_unless_the_time_is_sought() {
         view.V_BE_E = Some(Twist::repeat(0.1));
     }
     let refused = calibrate_hand_eye(&views, &camera(), &HandEyeSettings::of(cell.place));
-    assert_eq!(refused.unwrap_err(), HandEyeError::TooFewViews { given: 0 });
+    assert_eq!(refused.unwrap_err(), HandEyeError::TooFewViews { given: 0, needed: 3 });
 }
 
 #[test]
@@ -235,7 +236,7 @@ fn what_does_not_determine_the_camera_is_named() {
         let cell = SimulatedCell::new(place, &mut random);
         let run = |views: &[HandEyeView]| calibrate_hand_eye(views, &camera(), &HandEyeSettings::of(place));
         let views = cell.views(3, &mut random);
-        assert!(matches!(run(&views[..2]), Err(HandEyeError::TooFewViews { given: 2 })));
+        assert!(matches!(run(&views[..2]), Err(HandEyeError::TooFewViews { given: 2, .. })));
         let three = run(&views).unwrap();
         assert!(gap(&three.X_MC(), &cell.X_MC) < 1e-9 && three.held_out.is_none());
         assert!(three.verdict.contains("more views"), "{}", three.verdict);
@@ -418,12 +419,8 @@ fn covariances_are_of_position_change_and_left_rotation() {
                 let X_BE = pose(&times(&truth, &off));
                 views.push(HandEyeView { name: "view".into(), X_BE, V_BE_E: None, corners });
             }
-            let settings = JointSettings {
-                place,
-                robot: RobotSd { rotation_rad: sd_rad, translation_m: sd_m },
-                loss: Loss::Squares,
-                time_offset: false,
-            };
+            let robot = RobotSd { rotation_rad: sd_rad, translation_m: sd_m };
+            let settings = JointSettings::least_squares(place, robot);
             let fit = refine_jointly(&all(&views), &camera, &settings, &pose(&X_MC), &pose(&X_WO)).unwrap();
             let found = [(fit.X_MC, fit.covariance_X_MC, X_MC), (fit.X_WO, fit.covariance_X_WO, X_WO)];
             for ((found, covariance, truth), sum) in found.into_iter().zip(&mut position_left) {

@@ -37,24 +37,32 @@ pub(super) fn verdict(report: &HandEyeReport) -> String {
             held.rotation_rad.to_degrees(),
             held.rms_px
         );
+    } else if report.known_board {
+        let _ = writeln!(
+            text,
+            "One view: nothing checks the pose that the board is said to have, and what that is off by, the camera's is off by too; take more views."
+        );
     } else {
         let _ = writeln!(text, "Nothing tells how well new views are predicted: take more views, 10 to 20.");
     }
+    known_board(report, &mut text);
     if report.held_out.is_some() && used < FEW {
         let _ = writeln!(text, "Few views: its own uncertainty is uncertain; take 10 to 20.");
     }
-    let (seen, stated) = (&report.robot_seen, &report.robot_stated);
-    if report.is_contradicted() {
+    let stated = &report.robot_stated;
+    let seen = report.board_as_seen.map_or(report.robot_seen, |board| board.robot_seen);
+    if report.is_robot_contradicted() {
         let _ = writeln!(
             text,
             "Images and robot contradict each other: the robot's poses would have to be off by {:.2} mm and {:.3} deg along an axis, \
              where {:.2} mm and {:.3} deg are stated. Check that each pose belongs to its image and is that of the flange, the camera's \
-             calibration, the size of the squares, and that the board and the camera were firmly fixed; of a robot that is no better, state so \
+             calibration, the size of the squares, {}and that the board and the camera were firmly fixed; of a robot that is no better, state so \
              (--robot-sd-mm, --robot-sd-deg).",
             seen.translation_m * 1e3,
             seen.rotation_rad.to_degrees(),
             stated.translation_m * 1e3,
-            stated.rotation_rad.to_degrees()
+            stated.rotation_rad.to_degrees(),
+            if report.known_board { "the board's pose, " } else { "" }
         );
     }
     if report.model_sd_px > LENS_PX {
@@ -64,9 +72,9 @@ pub(super) fn verdict(report: &HandEyeReport) -> String {
             report.model_sd_px
         );
     }
-    let across_deg = report.spread.across_rad.to_degrees();
-    if across_deg < WEAK_DEG {
-        let a = report.spread.axis;
+    let weak = |across_rad: f64| !report.known_board && across_rad.to_degrees() < WEAK_DEG;
+    if let Some(spread) = report.spread.as_ref().filter(|spread| weak(spread.across_rad)) {
+        let (a, across_deg) = (spread.axis, spread.across_rad.to_degrees());
         let _ = writeln!(
             text,
             "The views turn by only {across_deg:.1} deg about axes other than ({:.2}, {:.2}, {:.2}) of the {}: along it the camera's \
@@ -92,6 +100,36 @@ pub(super) fn verdict(report: &HandEyeReport) -> String {
     }
     text.truncate(text.trim_end().len());
     text
+}
+
+/// What is said of a board whose pose was known.
+fn known_board(report: &HandEyeReport, text: &mut String) {
+    if !report.known_board {
+        return;
+    }
+    let Some(board) = &report.board_as_seen else {
+        if report.views.iter().filter(|view| view.used).count() > 1 {
+            let _ = writeln!(
+                text,
+                "The board is held at the pose that it is said to have; the views turn too little to tell that pose by themselves."
+            );
+        }
+        return;
+    };
+    let (mm, deg) = (board.position_m * 1e3, board.rotation_rad.to_degrees());
+    let _ = if board.is_contradicted() {
+        writeln!(
+            text,
+            "The views contradict the board's pose: by themselves they have it {mm:.2} mm and {deg:.3} deg from where it is said to be, {:.1} \
+             times what they leave open. Measure it again, or leave --board-pose out.",
+            board.times_sd()
+        )
+    } else {
+        writeln!(
+            text,
+            "By themselves the views have the board {mm:.2} mm and {deg:.3} deg from where it is said to be, which is within what they leave open."
+        )
+    };
 }
 
 /// The view that stands out most when it is left out.

@@ -36,8 +36,8 @@ fn arms_of_all_kinds_get_a_place() {
 /// Of a body no camera sees more than half.
 #[test]
 fn a_body_is_placed_by_the_faces_that_are_seen() {
-    let text = std::fs::read_to_string("../../config/tag-cube.toml").unwrap();
-    let draft = Draft::parse("tag-cube.toml", &text, Path::new("../../config"), &[]).unwrap();
+    let text = crate::config::ShippedFile::find("tag-cube").unwrap().text;
+    let draft = Draft::parse("tag-cube.toml", text, Path::new("."), &[]).unwrap();
     let p = place(&draft, &ANYTHING).unwrap();
     assert_eq!(p.run.finish.outcome, Outcome::Converged);
     let goal = p.preflight.goal.unwrap().visibility;
