@@ -200,6 +200,24 @@ fn torques_move_the_run_files_own_arm_to_its_goal() {
     }
 }
 
+/// States that come 50 ms late have stamps that say so: the arm converges, and the driver tells how late they came.
+#[test]
+fn a_slow_network_is_told_and_does_no_harm() {
+    let robot = robot(Series::ESeries);
+    let (instance, folder) = (Instance::new("urlate"), tempfile::tempdir().unwrap());
+    let summary = folder.path().join("summary.json");
+    let child = start_with(&instance, &robot, &summary);
+    wait_until("a moving arm", || moves(&robot));
+    robot.inject(Fault::LateBy(0.05));
+    let output = child.wait_with_output().unwrap();
+    let text = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(0), "{text}");
+    let told = text.split("latest by ").nth(1).and_then(|rest| rest.split(' ').next()).unwrap();
+    assert!(told.parse::<f64>().unwrap() > 45.0, "{text}");
+    assert_at_rest(&robot);
+    instance.assert_gone();
+}
+
 #[test]
 fn a_stop_of_the_robot_ends_the_run_in_its_words() {
     for (fault, words) in [
@@ -207,7 +225,7 @@ fn a_stop_of_the_robot_ends_the_run_in_its_words() {
         (Fault::Stop(SafetyMode::RobotEmergencyStop), "emergency stop of the robot while the arm moved"),
         (Fault::ResetConnections, "has closed the connection"),
         (Fault::StopProgram, "somebody has stopped it"),
-        (Fault::LateBy(0.05), "state"),
+        (Fault::LateBy(0.5), "no state came from the robot"),
     ] {
         let (robot, instance) = (robot(Series::ESeries), Instance::new("urstops"));
         let folder = tempfile::tempdir().unwrap();
