@@ -89,7 +89,7 @@ fn every_shipped_run_file_settles_near_its_least_time() {
         // of its way takes 1.1 times that. To be quicker in the first motion would let a camera that is mounted wrong go farther, and with a higher gain it bears hard friction less.
         // The torques of scheme A are softer than what is best for one start, so that no joint falls behind from others.
         let most = match file {
-            "xarm7" | "ur5-a" => 1.7,
+            "xarm7" | "ur5-a" | "ur5-c" => 1.7,
             "panda-a" => 2.0,
             _ => 1.5,
         };

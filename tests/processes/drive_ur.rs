@@ -225,7 +225,6 @@ fn a_stop_of_the_robot_ends_the_run_in_its_words() {
         (Fault::Stop(SafetyMode::RobotEmergencyStop), "emergency stop of the robot while the arm moved"),
         (Fault::ResetConnections, "has closed the connection"),
         (Fault::StopProgram, "somebody has stopped it"),
-        (Fault::LateBy(0.5), "no state came from the robot"),
     ] {
         let (robot, instance) = (robot(Series::ESeries), Instance::new("urstops"));
         let folder = tempfile::tempdir().unwrap();

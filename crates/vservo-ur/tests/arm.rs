@@ -121,6 +121,7 @@ fn every_fault_in_motion_ends_at_rest_and_in_words() {
         (Fault::Reboot, "has closed the connection"),
         (Fault::ResetConnections, "has closed the connection"),
         (Fault::Mute, "no state came from the robot for"),
+        (Fault::LateBy(0.5), "no state came from the robot for"),
         (Fault::Deaf, "it missed commands"),
         (Fault::StaleStamps, "repeats an old one"),
         (Fault::CutPackage, "does not speak RTDE"),
