@@ -62,6 +62,7 @@ mod serve;
 mod spans;
 mod stamps;
 mod stereo;
+mod stereo_recorded;
 mod stereo_tool;
 mod targets;
 mod torque_safety;
