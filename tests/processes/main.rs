@@ -10,6 +10,7 @@ mod calibrate_from;
 mod calibrate_hand_eye;
 mod calibrate_latency;
 mod calibrate_load;
+mod calibrate_points;
 mod cameras;
 mod clients;
 #[path = "../common/mod.rs"]
