@@ -1,4 +1,5 @@
 //! `vservo calibrate camera`, `calibrate stereo` and `calibrate hand-eye`: images -> corners -> calibration -> files and answers;
+//! `calibrate points`: points in space -> the same;
 //! `calibrate latency`: an excitation motion of the arm -> the offset of the camera's stamps; `calibrate load`: postures of the arm -> what it carries;
 //! `calibrate from`: what a run has seen -> lens, mount, stamps and size of the target.
 
@@ -9,6 +10,7 @@ mod camera;
 mod from_run;
 mod hand_eye;
 mod live;
+mod points;
 mod stage;
 mod stereo;
 
@@ -19,6 +21,7 @@ pub use from_run::CalibrateFromArguments;
 use from_run::from_run;
 pub use hand_eye::HandEyeArguments;
 use hand_eye::hand_eye;
+pub use points::{CalibratePointsArguments, PointLensArgument};
 use stereo::stereo;
 
 use super::calibrate_arguments::{CalibrateCameraArguments, CalibrateStereoArguments};
@@ -38,6 +41,8 @@ pub enum Calibration {
     From(CalibrateFromArguments),
     /// The lens of a camera from images of a chessboard, how good it is, and which image is missing
     Camera(CalibrateCameraArguments),
+    /// The lens of a camera from points in space whose places are known, and where one image shows them
+    Points(CalibratePointsArguments),
     /// A stereo pair from images of a chessboard taken by both cameras at the same instants
     Stereo(CalibrateStereoArguments),
     /// Find where the camera sits on the arm, or beside it, from images of a board and the robot's poses
@@ -52,6 +57,7 @@ pub(super) fn calibrate(what: &Calibration) -> Result<u8, ProcessError> {
         Calibration::From(arguments) => from_run(arguments),
         Calibration::HandEye(arguments) => hand_eye(arguments),
         Calibration::Camera(arguments) => camera(arguments),
+        Calibration::Points(arguments) => points::points(arguments),
         Calibration::Stereo(arguments) => stereo(arguments),
     }
 }

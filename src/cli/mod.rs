@@ -54,7 +54,10 @@ pub use arguments::{
     TeachViewArguments,
 };
 pub use benchmark::BenchmarkArguments;
-pub use calibrate::{CalibrateFromArguments, Calibration, HandEyeArguments, MotionArguments};
+pub use calibrate::{
+    CalibrateFromArguments, CalibratePointsArguments, Calibration, HandEyeArguments, MotionArguments,
+    PointLensArgument,
+};
 pub use calibrate_arguments::{
     BoardArguments, CalibrateCameraArguments, CalibrateStereoArguments, LensModelArgument, OddCoefficients,
 };

@@ -1,11 +1,14 @@
 //! `vservo stereo`: two views of one scene, Sect. 10.4 and the homography of Sect. 10.4.4, on points and images in files.
 
+mod hints;
 mod look;
 mod matching;
 mod motion;
 mod motion_answer;
 mod pairs;
+mod recorded;
 mod rectify;
+mod structure;
 mod triangulate;
 
 use super::StereoCommand;
@@ -21,6 +24,9 @@ pub(super) fn stereo(command: &StereoCommand) -> Result<u8, ProcessError> {
         StereoCommand::Motion(arguments) => motion::motion(arguments),
     }
 }
+
+/// Why there is no answer, with the exit code.
+type Refused = (String, u8);
 
 /// Rows of a matrix.
 fn rows(m: &Matrix3<f64>) -> [[f64; 3]; 3] {

@@ -212,14 +212,21 @@ pub enum TriangulationMethod {
 /// Arguments of `vservo stereo motion`.
 #[derive(Debug, Args)]
 #[command(after_help = "Columns: id,u1_px,v1_px,u2_px,v2_px in pixels, or id,X1,Y1,X2,Y2 normalized.\n\
-                  Example: vservo stereo motion matches.csv --camera camera.yaml --method consensus --sd 0.2 --json")]
+                  Examples: vservo stereo motion matches.csv --camera camera.yaml --method consensus --sd 0.2 --json\n\
+                  vservo stereo motion run.mcap --at 0.2,1.5")]
 pub struct StereoMotionArguments {
-    /// CSV file of conjugate points
-    #[arg(value_name = "PAIRS.csv", required_unless_present = "homography")]
+    /// CSV file of conjugate points; or the recording of a run with one moving camera, with --at
+    #[arg(value_name = "PAIRS.csv|RUN.mcap", required_unless_present = "homography")]
     pub pairs: Option<PathBuf>,
-    /// How the displacement is found
-    #[arg(long, value_enum, default_value = "consensus")]
-    pub method: MotionMethod,
+    /// How the displacement is found; left out: consensus, and of a recording plane where the points of its target are in one
+    #[arg(long, value_enum)]
+    pub method: Option<MotionMethod>,
+    /// Of a recording: the two instants, s after its first joint state; the measurements that are nearest count
+    #[arg(long, value_name = "T1,T2", conflicts_with = "homography")]
+    pub at: Option<String>,
+    /// Length of the base line, where it is known: the structure is in m
+    #[arg(long, value_name = "M", conflicts_with = "homography")]
+    pub baseline_m: Option<f64>,
     /// Calibration file of ROS (YAML) of camera 1, and of camera 2 where that has none of its own
     #[arg(long, value_name = "FILE")]
     pub camera: Option<PathBuf>,

@@ -10,6 +10,7 @@ mod calibrate_from;
 mod calibrate_hand_eye;
 mod calibrate_latency;
 mod calibrate_load;
+mod calibrate_points;
 mod cameras;
 mod clients;
 #[path = "../common/mod.rs"]
@@ -62,6 +63,7 @@ mod serve;
 mod spans;
 mod stamps;
 mod stereo;
+mod stereo_recorded;
 mod stereo_tool;
 mod targets;
 mod torque_safety;

@@ -5,6 +5,7 @@ use crate::calibration::camera::{
     CalibrationVerdict, CameraCalibration, CrossValidation, ImageCoverage, NextView, ProjectionUncertainty,
     board_bend, cross_validation, next_view,
 };
+use crate::camera_model::CameraModel;
 use crate::geometry::Pose;
 use crate::input::printable;
 use nalgebra::{Point3, Vector2};
@@ -53,6 +54,34 @@ pub(super) struct CameraOut {
     cy_px: f64,
     model: &'static str,
     distortion: Vec<f64>,
+    /// Their names.
+    #[serde(skip)]
+    coefficients: Vec<&'static str>,
+}
+
+impl From<&CameraModel> for CameraOut {
+    fn from(camera: &CameraModel) -> Self {
+        let (i, lens) = (camera.intrinsics(), camera.lens());
+        Self {
+            width_px: i.width_px,
+            height_px: i.height_px,
+            fx_px: i.fx_px,
+            fy_px: i.fy_px,
+            cx_px: i.cx_px,
+            cy_px: i.cy_px,
+            model: lens.model().name(),
+            distortion: lens.coefficients().into_iter().map(|(_, value)| value).collect(),
+            coefficients: lens.coefficients().into_iter().map(|(name, _)| name).collect(),
+        }
+    }
+}
+
+impl CameraOut {
+    /// Names and values of all its parameters.
+    pub(super) fn parameters(&self) -> impl Iterator<Item = (&'static str, f64)> {
+        let i = [("fx_px", self.fx_px), ("fy_px", self.fy_px), ("cx_px", self.cx_px), ("cy_px", self.cy_px)];
+        i.into_iter().chain(self.coefficients.iter().copied().zip(self.distortion.iter().copied()))
+    }
 }
 
 #[derive(Serialize)]
@@ -156,19 +185,8 @@ pub(super) struct CameraAnswer {
 impl CameraAnswer {
     pub(super) fn new(examined: &Examined, boards: &Boards) -> Self {
         let Examined { calibration, halves, coverage, next, verdict, .. } = examined;
-        let i = calibration.camera.intrinsics();
-        let lens = calibration.camera.lens();
         Self {
-            camera: CameraOut {
-                width_px: i.width_px,
-                height_px: i.height_px,
-                fx_px: i.fx_px,
-                fy_px: i.fy_px,
-                cx_px: i.cx_px,
-                cy_px: i.cy_px,
-                model: lens.model().name(),
-                distortion: lens.coefficients().into_iter().map(|(_, value)| value).collect(),
-            },
+            camera: (&calibration.camera).into(),
             sd: calibration.deviations().collect(),
             rms_px: calibration.rms_px,
             noise_px: calibration.noise_px,

@@ -1,21 +1,29 @@
-//! `vservo stereo motion`: displacement of a camera between two images of points, (10.43)-(10.46), or of a plane, (10.58)-(10.61).
+//! `vservo stereo motion`: displacement of a camera between two images of points, (10.43)-(10.46), or of a plane, (10.58)-(10.61), and where the points are, (10.47), (10.48); of a
+//! recording between two of its instants.
 
-use super::motion_answer::{Fundamental, MotionAnswer, PlaneAnswer, PlaneReading, PointMotion, told};
+use super::hints::{Hint, chosen, hints};
+use super::motion_answer::{
+    Fundamental, KinematicMotion, MotionAnswer, PlaneAnswer, PlaneReading, PointMotion, RecordedInstants,
+    told,
+};
 use super::pairs::{PairFile, intrinsic_matrix, normalized_noise};
-use super::{finite, rows};
+use super::recorded::{self, is_recording};
+use super::structure::add_structure;
+use super::{Refused, finite, rows};
 use crate::camera_model::CameraModel;
 use crate::cli::detect::{calibration, refused};
 use crate::cli::pose_tool::numbers_of;
 use crate::cli::{MotionMethod, StereoMotionArguments, json, shown};
 use crate::geometry::Pose;
-use crate::pose::{ConsensusSettings, HomographySolution, HomographySolutions, decompose_homography};
+use crate::pose::{ConsensusSettings, HomographySolutions, decompose_homography};
 use crate::process::ProcessError;
 use crate::stereo::{
     Conjugates, DegenerateMotion, RefinedRelativePose, RelativeConsensus, StereoError, degenerate_motion,
     epipoles, essential_5_point, essential_8_point, fundamental_8_point, fundamental_matrix, plane_motion,
     plane_motion_consistent, refine_relative, relative_pose, sampson_error2, turn_beside_plane,
 };
-use nalgebra::{Matrix3, Vector2, Vector3};
+use nalgebra::{Matrix3, Vector2};
+use std::path::Path;
 
 /// How far the cosine of the angle between two solutions may be from 1 if they are one: 1e-5 rad, a hundred times what a refinement stops at, and less than the error of any pixel. Chosen by hand.
 const SAME: f64 = 1e-10;
@@ -25,10 +33,10 @@ const QUARTER: f64 = std::f64::consts::FRAC_PI_2;
 
 /// Shortest base line over the distance of the plane that a homography tells. Chosen by hand: matrices are written with six decimals.
 const NO_BASE_LINE: f64 = 5e-6;
+/// A camera that moved by less stood, m. Chosen by hand: less than joints' encoders and any image tell.
+const STOOD_M: f64 = 1e-4;
 const TURNED_ALONE: &str = "the camera turned alone, as far as this shows: there is no base line, and neither its direction nor a plane's normal means anything";
 
-/// How much nearer to a hint the true reading must be than the other, rad. Chosen by hand: a plane's normal is seldom known better than to two degrees.
-const TIE: f64 = 0.035;
 /// An inlier lies within this many standard deviations of its epipolar line. Chosen by hand: a normal deviate exceeds 3 once in 370 cases.
 const INLIER_SDS: f64 = 3.0;
 
@@ -39,21 +47,35 @@ pub(super) fn motion(arguments: &StereoMotionArguments) -> Result<u8, ProcessErr
     }
 }
 
-type Refused = (String, u8);
-
 fn run(a: &StereoMotionArguments) -> Result<MotionAnswer, Refused> {
     let failed = |e: StereoError| (e.to_string(), 5);
+    let hints = hints(a)?;
     if let Some(text) = &a.homography {
         let H = matrix_of(text).map_err(|e| (format!("--homography: {e}"), 2))?;
         let solutions = decompose_homography(&H).map_err(|e| (e.to_string(), 5))?;
-        return Ok(of_plane("homography", 0, &H, None, (&chosen(a, solutions)?, false)));
+        return Ok(of_plane("homography", 0, &H, None, (&chosen(&hints, solutions), false)));
     }
     let path = a.pairs.as_ref().ok_or(("PAIRS.csv or --homography is needed".to_owned(), 2))?;
+    if a.baseline_m.is_some_and(|length| !(length > 0.0 && length.is_finite())) {
+        return Err(("--baseline-m: a length is greater than 0".into(), 2));
+    }
+    match (&a.at, is_recording(path)) {
+        (Some(at), true) => return of_recording(a, path, at, hints),
+        (None, true) => {
+            return Err((
+                format!("{}: of a recording two instants are taken: --at T1,T2", path.display()),
+                2,
+            ));
+        }
+        (Some(_), false) => return Err(("--at: is for a recording, RUN.mcap".into(), 2)),
+        (None, false) => {}
+    }
+    let method = a.method.unwrap_or(MotionMethod::Consensus);
     let file = PairFile::read(path).map_err(|e| (e, 3))?;
     let cameras = cameras(a).map_err(|e| (format!("--camera: {e}"), 3))?;
     let cameras = cameras.as_ref().map(|(one, two)| (one, two));
     if file.in_px && cameras.is_none() {
-        if a.method != MotionMethod::EightPoint {
+        if method != MotionMethod::EightPoint {
             let message =
                 "points in px without --camera give the fundamental matrix alone: --method eight_point";
             return Err((message.into(), 2));
@@ -66,25 +88,85 @@ fn run(a: &StereoMotionArguments) -> Result<MotionAnswer, Refused> {
         Some(cameras) => normalized_sd(cameras, &pairs, sd),
         None => sd,
     });
-    match a.method {
-        MotionMethod::Plane => {
-            let motion = plane_motion(&pairs).map_err(failed)?;
-            let solutions = chosen(a, motion.solutions)?;
-            let solutions = match &a.third {
-                None => solutions,
-                Some(path) => {
-                    let third =
-                        PairFile::read(path).and_then(|f| f.normalized(cameras)).map_err(|e| (e, 3))?;
-                    let second = plane_motion(&third).map_err(failed)?;
-                    let (first, _) = plane_motion_consistent(&solutions, &second.solutions);
-                    HomographySolutions { first, second: None }
-                }
-            };
-            let turned = turn_beside_plane(&pairs, motion.rms).is_some();
-            Ok(of_plane("plane", pairs.len(), &motion.H, Some(motion.rms), (&solutions, turned)))
-        }
-        method => of_points(method, &file.ids, &pairs, sd, cameras).map_err(failed),
+    let mut answer = of_pairs(a, method, (&file.ids, &pairs), sd, cameras, &hints)?;
+    if answer.reason.as_deref() != Some(TURNED_ALONE) {
+        add_structure(&mut answer, &file.ids, &pairs, a.baseline_m);
     }
+    Ok(answer)
+}
+
+/// By one of the methods, from normalized pairs.
+fn of_pairs(
+    a: &StereoMotionArguments,
+    method: MotionMethod,
+    (ids, pairs): (&[u64], &[Conjugates]),
+    sd: Option<f64>,
+    cameras: Option<(&CameraModel, &CameraModel)>,
+    hints: &[Hint],
+) -> Result<MotionAnswer, Refused> {
+    let failed = |e: StereoError| (e.to_string(), 5);
+    if method != MotionMethod::Plane {
+        return of_points(method, ids, pairs, sd, cameras).map_err(failed);
+    }
+    let motion = plane_motion(pairs).map_err(failed)?;
+    let mut solutions = chosen(hints, motion.solutions);
+    if let Some(path) = &a.third {
+        let third = PairFile::read(path).and_then(|f| f.normalized(cameras)).map_err(|e| (e, 3))?;
+        let second = plane_motion(&third).map_err(failed)?;
+        let (first, _) = plane_motion_consistent(&solutions, &second.solutions);
+        solutions = HomographySolutions { first, second: None };
+    }
+    let turned = turn_beside_plane(pairs, motion.rms).is_some();
+    Ok(of_plane("plane", pairs.len(), &motion.H, Some(motion.rms), (&solutions, turned)))
+}
+
+/// From two instants of a recording, beside what the joints say.
+fn of_recording(
+    a: &StereoMotionArguments,
+    path: &Path,
+    at: &str,
+    mut hints: Vec<Hint>,
+) -> Result<MotionAnswer, Refused> {
+    let at_s = numbers_of::<2>(at).filter(|at| at.iter().all(|s| s.is_finite()));
+    let at_s = at_s.ok_or_else(|| (format!("--at {at}: two times in s are expected, T1,T2"), 2))?;
+    let views = recorded::read(path, at_s).map_err(|e| (e.to_string(), 3))?.map_err(|e| (e, 5))?;
+    let moved = views.X_12.filter(|X_12| X_12.translation.vector.norm() > STOOD_M);
+    // What is known besides tells which reading of a plane is true: where the joints have the camera go, or else the plane's normal by the measured pose.
+    if hints.is_empty() {
+        hints.extend(moved.map(|X_12| Hint::Way(X_12.translation.vector)));
+        hints.extend(views.normal_2.map(Hint::Normal));
+    }
+    let (method, method_reason) = match a.method {
+        Some(method) => (method, None),
+        None if views.is_plane => {
+            (MotionMethod::Plane, Some("the points lie in one plane of the target: by its homography"))
+        }
+        None if views.pairs.len() < 6 => (MotionMethod::FivePoint, Some("fewer than six points are shared")),
+        None => (MotionMethod::Consensus, None),
+    };
+    let cameras = (&views.camera, &views.camera);
+    let sd = normalized_sd(cameras, &views.pairs, a.sd.unwrap_or(views.sd_px));
+    let sd = Some(sd).filter(|sd| *sd > 0.0);
+    let mut answer = of_pairs(a, method, (&views.ids, &views.pairs), sd, Some(cameras), &hints)?;
+    let base_line_m = a.baseline_m.or(moved.map(|X_12| X_12.translation.vector.norm()));
+    if answer.reason.as_deref() != Some(TURNED_ALONE) {
+        add_structure(&mut answer, &views.ids, &views.pairs, base_line_m);
+    }
+    let estimate = answer.first_displacement();
+    let kinematics = views.X_12.map(|X_12| {
+        let (p, q) = (X_12.translation.vector, X_12.rotation.coords);
+        let way = estimate.as_ref().map(|X| X.translation.vector).filter(|way| way.norm() > 0.0);
+        KinematicMotion {
+            position_m: p.into(),
+            rotation_xyzw: [q.x, q.y, q.z, q.w],
+            base_line_m: p.norm(),
+            rotation_off_deg: estimate.as_ref().map(|X| X.rotation.angle_to(&X_12.rotation).to_degrees()),
+            direction_off_deg: way.filter(|_| moved.is_some()).map(|way| way.angle(&p).to_degrees()),
+        }
+    });
+    let (times_s, frames) = (views.times_s, views.frames);
+    answer.recording = Some(RecordedInstants { times_s, frames, method_reason, kinematics });
+    Ok(answer)
 }
 
 /// The standard deviation of a normalized coordinate, root mean square over all points and both cameras, whose lenses and focal lengths make it differ.
@@ -110,44 +192,6 @@ fn matrix_of(text: &str) -> Result<Matrix3<f64>, String> {
     Ok(Matrix3::from_row_slice(&numbers))
 }
 
-fn vector_of(text: &str) -> Result<Vector3<f64>, String> {
-    let numbers: [f64; 3] =
-        numbers_of(text).ok_or_else(|| format!("`{text}`: three numbers are expected"))?;
-    Ok(Vector3::from(numbers))
-}
-
-/// The direction of a hint.
-fn direction_of(option: &str, text: &str) -> Result<Vector3<f64>, Refused> {
-    let direction = vector_of(text).map_err(|e| (format!("{option}: {e}"), 2))?;
-    let usable = direction.iter().all(|x| x.is_finite()) && direction.norm() > 0.0;
-    usable.then_some(direction).ok_or_else(|| (format!("{option}: `{text}` has no direction"), 2))
-}
-
-/// Whether both readings are as far from a hint, rad, so that it does not tell which is true.
-fn is_tie(solutions: &HomographySolutions, apart: impl Fn(&HomographySolution) -> f64) -> bool {
-    solutions.second.is_some_and(|second| (apart(&second) - apart(&solutions.first)).abs() < TIE)
-}
-
-/// Both readings, or the one that what is known besides tells.
-fn chosen(a: &StereoMotionArguments, solutions: HomographySolutions) -> Result<HomographySolutions, Refused> {
-    let one = |first: HomographySolution| HomographySolutions { first, second: None };
-    if let Some(text) = &a.normal {
-        let n_2 = direction_of("--normal", text)?;
-        let apart = |s: &HomographySolution| s.n_2.angle(&n_2);
-        return Ok(if is_tie(&solutions, apart) { solutions } else { one(solutions.nearest_normal(&n_2)) });
-    }
-    if let Some(text) = &a.direction {
-        let way = direction_of("--direction", text)?;
-        let apart = |s: &HomographySolution| s.p_12_1_over_d2.angle(&way);
-        return Ok(if is_tie(&solutions, apart) {
-            solutions
-        } else {
-            one(solutions.nearest_direction(&way))
-        });
-    }
-    Ok(solutions)
-}
-
 fn of_plane(
     method: &'static str,
     pairs: usize,
@@ -164,6 +208,7 @@ fn of_plane(
             rotation: rows(s.R_12.matrix()),
             position_over_distance: s.p_12_1_over_d2.into(),
             normal_2: (!turned).then_some(s.n_2.into()),
+            structure: None,
         })
         .collect();
     let ambiguous = turned || readings.len() > 1;
@@ -183,6 +228,7 @@ fn of_plane(
         fundamental: None,
         ambiguous,
         reason,
+        recording: None,
     }
 }
 
@@ -202,6 +248,7 @@ fn fundamental_alone(F: &Matrix3<f64>, pairs: &[Conjugates]) -> MotionAnswer {
         fundamental: Some(fundamental),
         ambiguous: false,
         reason: Some("without --camera there is no essential matrix and no displacement".into()),
+        recording: None,
     }
 }
 
@@ -250,8 +297,9 @@ fn of_points(
                 Some((refined, in_front)) => refined_motion(&refined, in_front, pairs, cameras, sd),
                 None => one(&E, X_12, in_front),
             };
-            degenerate =
-                degenerate_motion(pairs, solution.rms, sd.unwrap_or(0.0)).map(|of| (of, pairs.to_vec()));
+            // Of points in one plane the linear equations have many solutions, and the one that comes may have any error.
+            let least = plane_motion(pairs).map_or(f64::INFINITY, |plane| plane.rms).min(solution.rms);
+            degenerate = degenerate_motion(pairs, least, sd.unwrap_or(0.0)).map(|of| (of, pairs.to_vec()));
             solutions.push(solution);
         }
         MotionMethod::Consensus => {
@@ -317,6 +365,7 @@ fn of_points(
         fundamental: None,
         ambiguous,
         reason,
+        recording: None,
     })
 }
 
@@ -366,6 +415,7 @@ fn point_motion(
         inliers: None,
         covariance: None,
         tangents: None,
+        structure: None,
     }
 }
 

@@ -5,7 +5,7 @@
 //! | [`homography`] | (10.7)-(10.10) | plane to image, or image to image (10.61) |
 //! | [`pose_from_homography`] | (10.8), (10.11), (10.12) | one pose from a homography |
 //! | [`planar_pose`] | (10.8)-(10.12) and beyond | both planar solutions, refined and ranked |
-//! | [`dlt_pose`] | (10.13) | six or more points that are not coplanar |
+//! | [`dlt_pose`], [`dlt_camera`] | (10.13) | six or more points that are not coplanar; in pixels, with the camera's own matrix (5.41) unknown too |
 //! | [`p3p`] | (10.6) | three points, all solutions |
 //! | [`pnp`] | (10.6) | any three points or more: the global minimum of the reprojection error, and others that are close |
 //! | [`PoseConsensus`] | (10.6) | points with outliers |
@@ -46,7 +46,7 @@ pub use algorithmic::{
 pub use decompose::{
     HomographySolution, HomographySolutions, decompose_homography, decompose_homography_seen,
 };
-pub use dlt::dlt_pose;
+pub use dlt::{LinearCamera, dlt_camera, dlt_pose};
 pub use frames::{chained_covariance, object_in_base, object_in_effector};
 pub use homography::{homography, pose_from_homography};
 pub use minima::PnpPoses;

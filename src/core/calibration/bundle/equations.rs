@@ -172,6 +172,16 @@ impl BundleSums {
     }
 }
 
+impl BundleSums {
+    /// Covariance of the twist of a view's pose, where `shared` is that of the shared unknowns. `None` where the view alone fixes no pose.
+    pub(crate) fn pose_covariance(&self, view: usize, shared: &DMatrix<f64>) -> Option<Matrix6<f64>> {
+        let block = self.blocks.get(view)?;
+        let alone = Matrix6::from(Ldlt::new(&block.V.data.0, &[0.0; 6])?.inverse());
+        let pull = alone * &block.W;
+        Some(alone + &pull * shared * pull.transpose())
+    }
+}
+
 /// The inverse of an information, `None` where it is singular.
 pub(crate) fn covariance_of(information: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     Some(scaled_cholesky(information, information)?.inverse())

@@ -10,6 +10,7 @@
 //!         next_view: the image that lowers the worst uncertainty most   ◄───────┘
 //!         CalibrationVerdict: all of that in words
 //! ```
+//! Points in space that are not in one plane tell a camera in one image: [`calibrate_in_space`].
 
 mod bend;
 mod board_view;
@@ -19,6 +20,7 @@ mod coverage;
 mod error;
 mod fits;
 mod halves;
+mod in_space;
 mod next_view;
 mod settings;
 mod start;
@@ -35,6 +37,7 @@ pub use coverage::ImageCoverage;
 pub use error::{CameraCalibrationError, Unused};
 pub(crate) use fits::{fits, result, rms_px};
 pub use halves::{CrossValidation, cross_validation};
+pub use in_space::{PointInSpace, PointLens, SpaceCalibration, SpaceCalibrationError, calibrate_in_space};
 pub use next_view::{NextView, next_view};
 pub use settings::CalibrationSettings;
 pub use uncertainty::ProjectionUncertainty;

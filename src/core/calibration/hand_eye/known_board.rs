@@ -1,8 +1,7 @@
 //! The camera from a board whose pose is known: (10.62), (10.63), view by view, and whether the views agree with that pose.
 
 use super::joint::{JointFit, RobotSd};
-use super::report::ClosedFormCamera;
-use super::scatter::{LoopScatter, board, deviation};
+use super::scatter::{ClosedFormCamera, LoopScatter, board, deviation};
 use super::{LoopSample, camera_in_base};
 use crate::geometry::{Pose, closest_rotation};
 use crate::linalg::Ldlt;

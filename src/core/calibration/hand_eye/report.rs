@@ -4,7 +4,7 @@ use super::known_board::BoardAsSeen;
 use super::leave_one_out::{HeldOut, rms_px};
 use super::observability::RotationSpread;
 use super::rows::{ArmAt, ViewRows};
-use super::scatter::LoopScatter;
+use super::scatter::{ClosedFormCamera, LoopScatter};
 use super::{CameraMount, HandEyeView, JointFit, JointSettings, LoopSample, RobotSd};
 use crate::camera_model::CameraModel;
 use crate::geometry::{Pose, Twist};
@@ -60,17 +60,6 @@ pub struct AtDistance {
     pub rotation_rad: f64,
     /// Of the camera's position in its bearer, m, likewise.
     pub camera_m: f64,
-}
-
-/// The camera by a closed form.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ClosedFormCamera {
-    /// Which, in words.
-    pub method: &'static str,
-    /// The camera in the frame that bears it.
-    pub X_MC: Pose,
-    /// How far the board's places by the single views lie apart with it.
-    pub scatter: LoopScatter,
 }
 
 /// A calibration, and how good it is.

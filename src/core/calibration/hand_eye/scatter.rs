@@ -18,6 +18,17 @@ pub struct LoopScatter {
     pub position_m: f64,
 }
 
+/// The camera by a closed form.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ClosedFormCamera {
+    /// Which, in words.
+    pub method: &'static str,
+    /// The camera in the frame that bears it.
+    pub X_MC: Pose,
+    /// How far the board's places by the single views lie apart with it.
+    pub scatter: LoopScatter,
+}
+
 /// The board in W as one view has it, for a camera at `X_MC`.
 pub(super) fn board(sample: &LoopSample, X_MC: &Pose) -> Pose {
     sample.X_WM * X_MC * sample.X_CO
