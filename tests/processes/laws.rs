@@ -278,7 +278,7 @@ fn a_goal_out_of_reach_is_run_only_if_it_is_meant() {
 /// Each way of writing the orientation error leads B and the hybrid law on six joints home, and A on four.
 #[test]
 fn each_orientation_error_leads_home() {
-    for orientation in ["euler_zyx", "angle_axis", "r_sin", "quaternion"] {
+    for orientation in ["euler_zyx", "euler_xyz", "angle_axis", "r_sin", "quaternion"] {
         let set = format!("servo.orientation_error={orientation}");
         for file in ["ur5-b.toml", "ur5-hybrid.toml", "scara-a.toml"] {
             assert_accurate(&lockstep(file, &[&set]));

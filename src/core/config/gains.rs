@@ -280,8 +280,8 @@ fn velocity_gains(s: &RawServo, check: &mut Validation<'_>) -> GainForm<6> {
     }
 }
 
-/// The matrix over x, y, z and the rotation about the optical axis, which is the first of the Euler angles and the last of the rotation
-/// vector's numbers; the other two have its gain.
+/// The matrix over x, y, z and the rotation about the optical axis, which is the first of the Euler angles z, y, x and the last of the
+/// other errors' numbers; the other two have its gain.
 fn of_four(K: &DMatrix<f64>, orientation: OrientationError) -> Matrix6<f64> {
     let about_z = if orientation == OrientationError::EulerZyx { 3 } else { 5 };
     let mut six = Matrix6::identity() * K[(3, 3)];

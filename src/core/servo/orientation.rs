@@ -24,6 +24,8 @@ const SMALL_ANGLE_RAD: f64 = 1e-3;
 pub enum OrientationError {
     /// Angles about z, y and x of `R = Rz Ry Rx`, in this order, as in the text.
     EulerZyx,
+    /// Angles about x, y and z of `R = Rx Ry Rz`, in this order: another of the twelve sets. Those that turn about one axis twice, as z, y, z, tell nothing near the goal.
+    EulerXyz,
     /// Rotation vector: axis r times angle theta, up to half a turn.
     AngleAxis,
     /// `r sin(theta)`, (3.86): half the sum of the cross products of the axes. Below a quarter of a turn only, beyond which it shrinks again.
@@ -35,13 +37,15 @@ pub enum OrientationError {
 
 impl OrientationError {
     /// All of them.
-    pub const ALL: [Self; 4] = [Self::EulerZyx, Self::AngleAxis, Self::RSin, Self::Quaternion];
+    pub const ALL: [Self; 5] =
+        [Self::EulerZyx, Self::EulerXyz, Self::AngleAxis, Self::RSin, Self::Quaternion];
 
     /// phi of the rotation `R`, rad.
     #[must_use]
     pub fn of(self, R: &Rotation3<f64>) -> Vector3<f64> {
         match self {
             Self::EulerZyx => euler_zyx(R),
+            Self::EulerXyz => euler_xyz(R),
             Self::AngleAxis => UnitQuaternion::from_rotation_matrix(R).scaled_axis(),
             Self::RSin => {
                 let m = R.matrix();
@@ -60,6 +64,10 @@ impl OrientationError {
     pub fn rate(self, phi: &Vector3<f64>, R: &Rotation3<f64>) -> Option<Matrix3<f64>> {
         Some(match self {
             Self::EulerZyx => euler_zyx_rate(phi),
+            Self::EulerXyz => {
+                let ((sx, cx), (sy, cy)) = (phi.x.sin_cos(), phi.y.sin_cos());
+                Matrix3::new(1.0, 0.0, sy, 0.0, cx, -sx * cy, 0.0, sx, cx * cy)
+            }
             Self::AngleAxis => {
                 let (angle2, S) = (phi.norm_squared(), skew(phi));
                 let angle = angle2.sqrt();
@@ -89,6 +97,12 @@ impl OrientationError {
                 let ((sz, cz), (sy, cy)) = (phi.x.sin_cos(), phi.y.sin_cos());
                 (cy.abs() >= GIMBAL_LOCK).then(|| {
                     Matrix3::new(cz * sy / cy, sz * sy / cy, 1.0, -sz, cz, 0.0, cz / cy, sz / cy, 0.0)
+                })
+            }
+            Self::EulerXyz => {
+                let ((sx, cx), (sy, cy)) = (phi.x.sin_cos(), phi.y.sin_cos());
+                (cy.abs() >= GIMBAL_LOCK).then(|| {
+                    Matrix3::new(1.0, sy * sx / cy, -sy * cx / cy, 0.0, cx, sx, 0.0, -sx / cy, cx / cy)
                 })
             }
             Self::AngleAxis => {
@@ -129,19 +143,28 @@ pub fn euler_zyx(R: &Rotation3<f64>) -> Vector3<f64> {
     Vector3::new(m.m21.atan2(m.m11), (-m.m31).atan2(m.m32.hypot(m.m33)), m.m32.atan2(m.m33))
 }
 
+/// The angles (about x, y, z) of `R = Rx Ry Rz`, rad; the middle one in [-pi/2, pi/2].
+fn euler_xyz(R: &Rotation3<f64>) -> Vector3<f64> {
+    let m = R.matrix();
+    Vector3::new((-m.m23).atan2(m.m33), m.m13.atan2(m.m11.hypot(m.m12)), (-m.m12).atan2(m.m11))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::pose::euler_zyx_rotation;
     use proptest::prelude::*;
 
-    const ALL: [OrientationError; 4] = OrientationError::ALL;
+    const ALL: [OrientationError; 5] = OrientationError::ALL;
 
     proptest! {
         #[test]
         fn euler_angles_come_back(z in -3.1..3.1f64, y in -1.5..1.5f64, x in -3.1..3.1f64) {
             let phi = Vector3::new(z, y, x);
             prop_assert!((euler_zyx(&euler_zyx_rotation(&phi)) - phi).norm() < 1e-9);
+            let about = |axis, angle| Rotation3::from_axis_angle(&axis, angle);
+            let R = about(Vector3::x_axis(), x) * about(Vector3::y_axis(), y) * about(Vector3::z_axis(), z);
+            prop_assert!((euler_xyz(&R) - Vector3::new(x, y, z)).norm() < 1e-9);
         }
 
         #[test]
@@ -151,7 +174,8 @@ mod tests {
             let (R, w) = (Rotation3::from_scaled_axis(Vector3::from(axis)), Vector3::from(w));
             for kind in ALL {
                 let phi = kind.of(&R);
-                if kind == OrientationError::EulerZyx && phi.y.cos() < 0.1 { continue; }
+                let is_euler = matches!(kind, OrientationError::EulerZyx | OrientationError::EulerXyz);
+                if is_euler && phi.y.cos() < 0.1 { continue; }
                 let h = 1e-6;
                 let at = |t: f64| kind.of(&(Rotation3::from_scaled_axis(w * t) * R));
                 let difference = (at(h) - at(-h)) / (2.0 * h);
