@@ -261,10 +261,10 @@ mod tests {
     #[allow(unsafe_code)]
     fn layouts_are_fixed_and_named() {
         assert_eq!((size_of::<ControlCommand>(), align_of::<ControlCommand>()), (1304, 8));
-        assert_eq!((size_of::<ControlAnswer>(), align_of::<ControlAnswer>()), (2072, 8));
+        assert_eq!((size_of::<ControlAnswer>(), align_of::<ControlAnswer>()), (2080, 8));
         assert_eq!((offset_of!(ControlCommand, ids), offset_of!(ControlCommand, values)), (24, 280));
         assert_eq!(offset_of!(ControlAnswer, tick), 64);
-        assert_eq!(offset_of!(ControlAnswer, q), 160);
+        assert_eq!(offset_of!(ControlAnswer, q), 168);
         // SAFETY: the names are only read.
         let names = unsafe { (ControlCommand::type_name(), ControlAnswer::type_name()) };
         assert_eq!(names, ("vservo.ControlCommand.v3", "vservo.ControlAnswer.v11"));
