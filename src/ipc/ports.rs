@@ -221,10 +221,10 @@ impl<T: ZeroCopySend + Debug + Copy + 'static> Receiver<T> {
         Self { service, port }
     }
 
-    /// The next record where it lies in shared memory, oldest first; `None` when there is none.
+    /// The next record where it lies in shared memory, oldest first; `None` when there is none. One lies there at a time: it is dropped, or copied, before the next.
     ///
     /// # Errors
-    /// When the transport fails.
+    /// When the transport fails, or the record before is still held.
     pub fn receive(&self) -> Result<Option<Received<T>>, IpcError> {
         works("receiving", self.service)?;
         let sample = self.port.receive().map_err(|e| transfer("receiving", self.service, e))?;

@@ -137,7 +137,7 @@ fn states_are_counted_and_numbers_that_are_none_refused() {
     let pair = Pair::new("states");
     for sequence in 0..2 {
         assert_eq!(pair.send(&state()), 0, "{}", last_error());
-        let received = pair.states.receive().unwrap().unwrap();
+        let received = *pair.states.receive().unwrap().unwrap();
         assert_eq!((received.sequence, received.tick, received.modes), (sequence, 3, 0b110));
     }
     let refused: [fn(&mut DriveStateMsg); 6] = [
@@ -158,7 +158,7 @@ fn states_are_counted_and_numbers_that_are_none_refused() {
     let mut odd = state();
     (odd.q[6], odd.q_true[0]) = (f64::NAN, f64::NAN);
     assert_eq!(pair.send(&odd), 0);
-    let received = pair.states.receive().unwrap().unwrap();
+    let received = *pair.states.receive().unwrap().unwrap();
     assert_eq!(received.sequence, 2, "what is refused is not counted");
 }
 
@@ -167,7 +167,7 @@ fn names_and_words_arrive_and_odd_ones_are_refused() {
     let pair = Pair::new("texts");
     let signs = [1.0, -1.0];
     assert_eq!(pair.names(&["a", "b"], signs.as_ptr(), null()), 0, "{}", last_error());
-    let text = pair.texts.receive().unwrap().unwrap();
+    let text = *pair.texts.receive().unwrap().unwrap();
     assert_eq!((text.names(), text.joints, text.sequence), (vec!["a".into(), "b".into()], 2, 0));
     assert_eq!((text.signs[..3].to_vec(), text.zero_offsets[1]), (vec![1.0, -1.0, 0.0], 0.0));
     assert!(text.stamp.0 > 0);
@@ -183,7 +183,7 @@ fn names_and_words_arrive_and_odd_ones_are_refused() {
     assert_eq!(pair.texts.receive().unwrap().unwrap().text().len(), 511);
 
     assert_eq!(pair.words(RobotState::ProtectiveStop as u32, b"zu schnell: \xfcber 2 m/s"), 0);
-    let text = pair.texts.receive().unwrap().unwrap();
+    let text = *pair.texts.receive().unwrap().unwrap();
     assert_eq!(
         (text.text().as_str(), text.robot_code, text.sequence),
         ("zu schnell: \u{fffd}ber 2 m/s", 7, 2)
@@ -196,7 +196,7 @@ fn names_and_words_arrive_and_odd_ones_are_refused() {
 fn properties_arrive_as_control_reads_them() {
     let pair = Pair::new("properties");
     let told = || {
-        let text = pair.texts.receive().unwrap().unwrap();
+        let text = *pair.texts.receive().unwrap().unwrap();
         assert_eq!(text.kind, text_kind::PROPERTIES);
         DriveProperties::parse(&text.text()).unwrap()
     };
