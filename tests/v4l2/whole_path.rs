@@ -103,7 +103,7 @@ fn a_test_image_passes_all_processes_to_the_end_of_the_run() {
                 }
                 seen += 1;
             }
-            newest = status.receive().unwrap().or(newest);
+            newest = status.receive().unwrap().map(|status| *status).or(newest);
         }
     }
     instance.name.parse::<vservo::ipc::Instance>().unwrap().remove_leftovers(None);
