@@ -306,28 +306,17 @@ fn both_solutions(
         });
         let least = depths.fold(f64::INFINITY, f64::min);
         let angle = rotation_angle(&found.R_12);
+        let [nx, ny, nz, ox, oy, oz] = [n.x, n.y, n.z, p.x, p.y, p.z];
         let _ = writeln!(
             table,
-            "{},{is_true},{angle:.10},{:.10},{:.10},{:.10},{:.10},{:.10},{:.10},{rebuilt:.1e},{least:.10}",
-            i + 1,
-            n.x,
-            n.y,
-            n.z,
-            p.x,
-            p.y,
-            p.z
+            "{},{is_true},{angle:.10},{nx:.10},{ny:.10},{nz:.10},{ox:.10},{oy:.10},{oz:.10},{rebuilt:.1e},{least:.10}",
+            i + 1
         );
         out.lines.push(format!(
-            "solution {}{}: R_2^1 turns by {angle:.4} rad, n2 = [{:.4} {:.4} {:.4}], o/d2 = [{:.4} {:.4} {:.4}]; it rebuilds H to {rebuilt:.1e}, \
-             and no point is nearer than {least:.3} d2 to either camera",
+            "solution {}{}: R_2^1 turns by {angle:.4} rad, n2 = [{nx:.4} {ny:.4} {nz:.4}], o/d2 = [{ox:.4} {oy:.4} {oz:.4}]; it rebuilds H to \
+             {rebuilt:.1e}, and no point is nearer than {least:.3} d2 to either camera",
             i + 1,
-            if is_true { ", the true one" } else { "" },
-            n.x,
-            n.y,
-            n.z,
-            p.x,
-            p.y,
-            p.z
+            if is_true { ", the true one" } else { "" }
         ));
         entries.push(solution_json(&found, is_true));
     }

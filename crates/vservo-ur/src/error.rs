@@ -65,7 +65,7 @@ pub enum UrError {
     )]
     LocalControl,
     #[error(
-        "another program has the arm ({runtime:?}): stop it on the pendant, or where it comes from, and wait until the arm stands"
+        "another program has the arm, or somebody moves it by hand (program: {runtime:?}): stop that on the pendant, or where it comes from, and wait until the arm stands"
     )]
     OtherProgram { runtime: RuntimeState },
     #[error(
