@@ -13,7 +13,7 @@ use crate::process::{ProcessError, StopFlag};
 use crate::rt::{now, write_file};
 use crate::scene::Exposure;
 use crate::servo::SetPoint;
-use crate::source::{AnySource, Filled, Position, encode_png, load_image, open};
+use crate::source::{AnySource, Exposed, Filled, encode_png, load_image, open};
 use crate::time::{MonoNs, SpanNs, TICK};
 use crate::vision::{Frame, Prior, Vision, VisionSettings};
 use image::ExtendedColorType;
@@ -181,11 +181,10 @@ impl<'a> GoalRecorder<'a> {
                         mid: state.stamp,
                         span: self.config.camera.exposure,
                     };
-                    let position = source.expose(&exposure, &mut grey)?;
-                    self.look_at(&grey, size)?;
-                    if position == Position::Last {
+                    if source.expose(&exposure, &mut grey)? == Exposed::End {
                         break;
                     }
+                    self.look_at(&grey, size)?;
                     state.tick += 40;
                 }
             }

@@ -73,8 +73,8 @@ pub use report_folder::{NewReport, ReportFolder};
 pub use seeing::frame_shape;
 #[cfg(feature = "cli")]
 use seeing::{
-    LONGEST_SPIN, LONGEST_WAIT, WAKE_AHEAD, second_vision, seeing_cameras, seeing_roles, shape_of,
-    watched_roles,
+    FILLED_AHEAD, LONGEST_SPIN, LONGEST_WAIT, WAKE_AHEAD, second_vision, seeing_cameras, seeing_roles,
+    shape_of, watched_roles,
 };
 #[cfg(feature = "cli")]
 pub use signals::follow_parent;

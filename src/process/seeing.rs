@@ -1,7 +1,7 @@
 //! What the processes have in common: who sees for control, how large their frames are, how long they wait for each other.
 
 use super::guardian;
-use crate::config::{Camera, Clock, Config};
+use crate::config::{Camera, Clock, Config, Source};
 use crate::ipc::{FrameShape, Role};
 use crate::messages::CameraId;
 use crate::time::SpanNs;
@@ -42,6 +42,10 @@ pub(super) const LONGEST_SPIN: SpanNs = SpanNs(250_000);
 /// when the state of the frame's tick arrives. Chosen by hand: sixteen ticks of lockstep take longer than a wake-up.
 pub(super) const WAKE_AHEAD: u64 = 16;
 
+/// Frames of a replay that are filled before they are due. Derived: the one that is next, so that it leaves on time however long its decoding takes, and the one
+/// after it, so that the last good one is known to be the last.
+pub(super) const FILLED_AHEAD: usize = 2;
+
 /// Time that a recorder may lag behind a camera without missing a frame. Chosen by hand: it has no real-time priority, and on a loaded machine
 /// waits some tens of milliseconds for its core; each frame more takes four of shared memory, one for every reader.
 const RECORDER_LAG: SpanNs = SpanNs(150_000_000);
@@ -65,5 +69,7 @@ pub(super) fn shape_of(camera: &Camera, clock: Clock) -> FrameShape {
     let period = camera.schedule.exposure(1);
     let recorded = RECORDER_LAG.0.div_euclid(period.0.max(1)).unsigned_abs() as usize + 1;
     let bytes = i.width_px as usize * i.height_px as usize;
+    let ahead = if matches!(camera.source, Source::Replay { .. }) { FILLED_AHEAD } else { 0 };
+    let held_back = held_back + ahead;
     FrameShape { bytes, in_flight, recorded: recorded.min(MAX_RECORDER_FRAMES), held_back }
 }

@@ -3,8 +3,8 @@
 //! In lockstep, where the run says when a frame is exposed, it is the newest image by then, once more where none has come since. Before the first image the
 //! camera shows nothing.
 
-use super::recording::{self, RecordedCamera, RecordedImage, RecordedTopic};
-use super::{Exposure, NextInstant, Position, ScheduledSource, SourceError};
+use super::recording::{self, RecordedCamera, RecordedTopic};
+use super::{Exposed, Exposure, NextInstant, ScheduledSource, SourceError};
 use crate::messages::{CameraId, JointState};
 use crate::record::RUN_FILE;
 use crate::time::{MonoNs, SpanNs, TICK};
@@ -16,9 +16,20 @@ const NEAREST: SpanNs = SpanNs(TICK.0 / 2);
 /// The level of an image of nothing. Chosen: anything that is the same all over has no contrast.
 const NOTHING_LEVEL: u8 = 128;
 
-/// Plays a recording by its stamps.
+/// A recorded image.
+struct DatedImage {
+    /// Its grey levels, row by row.
+    grey: Vec<u8>,
+    /// The stamp of its message, ns.
+    stamp_ns: u64,
+}
+
+/// Plays a recording by its stamps. Its images are copied, because each may be shown more than once.
 pub(super) struct DatedCamera {
     camera: RecordedCamera,
+    pixels: usize,
+    /// The image that comes next: decoded before, so that it is known when.
+    ahead: Option<DatedImage>,
     /// The stamp of the first state of the arm.
     origin: MonoNs,
     /// What the recorded run had added to the camera's own stamps.
@@ -26,7 +37,7 @@ pub(super) struct DatedCamera {
     /// The tick 0 of this run, once a state was seen.
     begin: Option<MonoNs>,
     /// What is shown.
-    shown: Option<RecordedImage>,
+    shown: Option<DatedImage>,
 }
 
 impl DatedCamera {
@@ -42,10 +53,20 @@ impl DatedCamera {
         while let Some(message) = reader.next_message().map_err(|e| recording::recording(path, &e))? {
             if message.topic() == "/control/joint_state" {
                 let origin = MonoNs(i64::try_from(message.stamp_ns).unwrap_or(i64::MAX));
-                return Ok(Self { camera, origin, stamp_offset, begin: None, shown: None });
+                let pixels = wanted.size_px.0 as usize * wanted.size_px.1 as usize;
+                let (begin, ahead, shown) = (None, None, None);
+                let mut dated = Self { camera, pixels, ahead, origin, stamp_offset, begin, shown };
+                dated.ahead = dated.next_image()?;
+                return Ok(dated);
             }
         }
         Err(camera.failed("has no /control/joint_state, by which its images could be dated".into()))
+    }
+
+    fn next_image(&mut self) -> Result<Option<DatedImage>, SourceError> {
+        let mut grey = vec![0; self.pixels];
+        let stamp_ns = self.camera.decode_next(&mut grey)?;
+        Ok(stamp_ns.map(|stamp_ns| DatedImage { grey, stamp_ns }))
     }
 
     /// When the image of this stamp was taken, by the clock of this run.
@@ -70,14 +91,15 @@ impl ScheduledSource for DatedCamera {
         self.begin.get_or_insert(state.stamp - since);
     }
 
-    fn expose(&mut self, exposure: &Exposure, out: &mut [u8]) -> Result<Position, SourceError> {
+    fn expose(&mut self, exposure: &Exposure, out: &mut [u8]) -> Result<Exposed, SourceError> {
         if let Some(begin) = self.begin {
             let is_there = |camera: &Self| {
-                let ahead = camera.camera.ahead_ns();
-                ahead.is_some_and(|stamp_ns| camera.taken(stamp_ns, begin) <= exposure.mid + NEAREST)
+                let ahead = camera.ahead.as_ref();
+                ahead.is_some_and(|image| camera.taken(image.stamp_ns, begin) <= exposure.mid + NEAREST)
             };
             while is_there(self) {
-                self.shown = self.camera.advance()?;
+                let next = self.next_image()?;
+                self.shown = std::mem::replace(&mut self.ahead, next);
             }
         }
         match &self.shown {
@@ -85,13 +107,13 @@ impl ScheduledSource for DatedCamera {
             _ => out.fill(NOTHING_LEVEL),
         }
         // The arm goes on after the last image.
-        Ok(Position::Running)
+        Ok(Exposed::Image)
     }
 
     fn next_instant(&self) -> NextInstant {
-        match (self.begin, self.camera.ahead_ns()) {
+        match (self.begin, &self.ahead) {
             (None, _) => NextInstant::Any,
-            (Some(begin), Some(stamp_ns)) => NextInstant::At(self.taken(stamp_ns, begin)),
+            (Some(begin), Some(image)) => NextInstant::At(self.taken(image.stamp_ns, begin)),
             (Some(_), None) => NextInstant::Never,
         }
     }
@@ -147,7 +169,7 @@ mod tests {
         let mut out = [0; 8];
         let mut shown = |camera: &mut DatedCamera, ms: i64| {
             let exposure = Exposure { frame_id: 0, mid: MonoNs(ms * MS), span: SpanNs(0) };
-            assert_eq!(camera.expose(&exposure, &mut out).unwrap(), Position::Running);
+            assert_eq!(camera.expose(&exposure, &mut out).unwrap(), Exposed::Image);
             (out[0], camera.stamped(&exposure).0 / MS)
         };
         let seen: Vec<_> =

@@ -5,7 +5,7 @@
 
 use super::SourceError;
 use image::codecs::png::PngEncoder;
-use image::{DynamicImage, ExtendedColorType, GrayImage, ImageDecoder, ImageEncoder, ImageFormat};
+use image::{ColorType, DynamicImage, ExtendedColorType, GrayImage, ImageDecoder, ImageEncoder, ImageFormat};
 use image::{ImageError, ImageReader, Limits};
 use rustix::fs::OFlags;
 use std::borrow::Cow;
@@ -69,28 +69,39 @@ pub(super) fn check(path: &Path, size: Size) -> Result<(), SourceError> {
     check_size(path, decoder(path, reader, &start)?.dimensions(), size)
 }
 
-/// Reads the image.
+/// Reads the image into `out`.
 ///
 /// # Errors
 /// [`SourceError`] names the file, and what is wrong with it.
-pub(super) fn load(path: &Path, size: Size) -> Result<GrayImage, SourceError> {
-    decode_of_size(path, &read(path, open(path, size)?, size)?, size)
+pub(super) fn load_into(path: &Path, size: Size, out: &mut [u8]) -> Result<(), SourceError> {
+    decode_into(path, &read(path, open(path, size)?, size)?, size, out)
 }
 
-/// The image in `bytes`, which came from `path`.
+/// Decodes the image in `bytes`, which came from `path`, into `out`: where its samples are grey levels of 8 bits, straight.
 ///
 /// # Errors
-/// [`SourceError`] names the file, and what is wrong with the image.
-pub(super) fn decode_of_size(path: &Path, bytes: &[u8], size: Size) -> Result<GrayImage, SourceError> {
-    decode(path, bytes, |found| check_size(path, found, size).map(|()| size))
+/// [`SourceError`] names the file, and what is wrong with the image; `out` may hold a part of it then.
+pub(super) fn decode_into(path: &Path, bytes: &[u8], size: Size, out: &mut [u8]) -> Result<(), SourceError> {
+    let checked = |found| check_size(path, found, size).map(|()| size);
+    with_decoder(path, bytes, checked, |decoder| {
+        if decoder.color_type() == ColorType::L8 && decoder.total_bytes() == out.len() as u64 {
+            return decoder.read_image_boxed(out);
+        }
+        let grey = DynamicImage::from_decoder(decoder)?.into_luma8();
+        if let Some(out) = out.get_mut(..grey.len()) {
+            out.copy_from_slice(&grey);
+        }
+        Ok(())
+    })
 }
 
-/// The image in `bytes`, as far as `allowed` lets its size pass.
-fn decode(
+/// What `read` makes of the image in `bytes`, as far as `allowed` lets its size pass.
+fn with_decoder<T>(
     path: &Path,
     bytes: &[u8],
     allowed: impl Fn((u32, u32)) -> Result<Size, SourceError>,
-) -> Result<GrayImage, SourceError> {
+    read: impl FnOnce(Box<dyn ImageDecoder + '_>) -> Result<T, ImageError>,
+) -> Result<T, SourceError> {
     let whole = match format(path, bytes)? {
         ImageFormat::Jpeg => jpeg_is_whole(bytes),
         ImageFormat::Png => png_is_whole(bytes),
@@ -104,7 +115,7 @@ fn decode(
     let size = allowed(decoder.dimensions())?;
     let failed = |cause| SourceError::image(path, cause);
     decoder.set_limits(size.limits()).map_err(failed)?;
-    Ok(DynamicImage::from_decoder(decoder).map_err(failed)?.into_luma8())
+    read(Box::new(decoder)).map_err(failed)
 }
 
 /// Largest image, px. Chosen by hand: 64 megapixels are more than industrial cameras have, and a hostile header must not ask for more.
@@ -116,10 +127,11 @@ const LARGEST: Size = Size { width: 8192, height: 8192 };
 /// [`SourceError`] names the file, and what is wrong with it.
 pub fn load_image(path: &Path) -> Result<GrayImage, SourceError> {
     let bytes = read(path, open(path, LARGEST)?, LARGEST)?;
-    decode(path, &bytes, |found| {
+    let checked = |found: (u32, u32)| {
         let fits = found.0 <= LARGEST.width && found.1 <= LARGEST.height;
         if fits { Ok(LARGEST) } else { check_size(path, found, LARGEST).map(|()| LARGEST) }
-    })
+    };
+    with_decoder(path, &bytes, checked, |decoder| Ok(DynamicImage::from_decoder(decoder)?.into_luma8()))
 }
 
 /// The bytes of a PNG file of these pixels, row by row.

@@ -1,7 +1,7 @@
 //! A source whose levels are made proportional to light before anybody sees them.
 
 use super::{
-    Captured, Exposure, Filled, FreeRunningSource, NextInstant, Position, ScheduledSource, SourceError,
+    Captured, Exposed, Exposure, Filled, FreeRunningSource, NextInstant, ScheduledSource, SourceError,
     SourceHealth,
 };
 use crate::camera_model::LevelTable;
@@ -20,10 +20,16 @@ impl ScheduledSource for Linearized<dyn ScheduledSource> {
         self.source.arm(state);
     }
 
-    fn expose(&mut self, exposure: &Exposure, out: &mut [u8]) -> Result<Position, SourceError> {
-        let position = self.source.expose(exposure, out)?;
-        self.table.apply(out);
-        Ok(position)
+    fn expose(&mut self, exposure: &Exposure, out: &mut [u8]) -> Result<Exposed, SourceError> {
+        let exposed = self.source.expose(exposure, out)?;
+        if exposed == Exposed::Image {
+            self.table.apply(out);
+        }
+        Ok(exposed)
+    }
+
+    fn is_known_ahead(&self) -> bool {
+        self.source.is_known_ahead()
     }
 
     fn next_instant(&self) -> NextInstant {

@@ -37,13 +37,13 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 use thiserror::Error;
 
-/// Whether more frames follow.
+/// What became of a frame that was to be exposed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Position {
-    /// They do.
-    Running,
-    /// This was the last one.
-    Last,
+pub enum Exposed {
+    /// The image is there.
+    Image,
+    /// No image is left: the frame is as it was.
+    End,
 }
 
 /// A source of frames cannot start or go on.
@@ -172,7 +172,12 @@ pub trait ScheduledSource {
     ///
     /// # Errors
     /// [`SourceError`]; the source cannot go on after it.
-    fn expose(&mut self, exposure: &Exposure, out: &mut [u8]) -> Result<Position, SourceError>;
+    fn expose(&mut self, exposure: &Exposure, out: &mut [u8]) -> Result<Exposed, SourceError>;
+
+    /// Whether its images are the same whenever they are exposed, so that frames can be filled before they are due.
+    fn is_known_ahead(&self) -> bool {
+        false
+    }
 
     /// When it has its next frame, by the clock of the run; asked for in real time alone.
     fn next_instant(&self) -> NextInstant {
@@ -366,9 +371,9 @@ impl<const N: usize> ScheduledSource for SyntheticCamera<N> {
         Self::arm(self, state);
     }
 
-    fn expose(&mut self, exposure: &Exposure, out: &mut [u8]) -> Result<Position, SourceError> {
+    fn expose(&mut self, exposure: &Exposure, out: &mut [u8]) -> Result<Exposed, SourceError> {
         Self::expose(self, exposure, out);
-        Ok(Position::Running)
+        Ok(Exposed::Image)
     }
 
     fn stamped(&self, _exposure: &Exposure) -> MonoNs {

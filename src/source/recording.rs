@@ -1,10 +1,10 @@
 //! A recording as camera: the images of one of its topics, in the order in which they stand there.
 //!
-//! Those of `vservo record` and of `ros2 bag record --storage mcap`: `sensor_msgs/msg/Image` and `sensor_msgs/msg/CompressedImage`. The file is read as it is played, a
-//! message ahead of the frame, so that it may be longer than memory. One that is cut off is played up to there.
+//! Those of `vservo record` and of `ros2 bag record --storage mcap`: `sensor_msgs/msg/Image` and `sensor_msgs/msg/CompressedImage`. The file is read as it is played, so that
+//! it may be longer than memory. One that is cut off is played up to there.
 
 use super::image_file::{self, Size};
-use super::{Exposure, Position, ScheduledSource, SourceError};
+use super::{Exposed, Exposure, ScheduledSource, SourceError};
 use crate::imaging::grey::{PixelFormat, ToGrey};
 use crate::messages::{CameraId, JointState};
 use crate::record::{RecordedMessage, RecordingError, RecordingReader, RosImage, compressed_image};
@@ -22,21 +22,11 @@ pub struct RecordedCamera {
     topic: String,
     reader: RecordingReader<BufReader<File>>,
     decoder: GreyImages,
-    /// The image that the next exposure shows: decoded before, so that the last good one is known to be the last.
-    ahead: Option<RecordedImage>,
     repeat: bool,
     strict: bool,
     left_out: usize,
     /// Whether an image was good in this round.
     has_played: bool,
-}
-
-/// A recorded image.
-pub(super) struct RecordedImage {
-    /// Its grey levels, row by row.
-    pub(super) grey: Vec<u8>,
-    /// The stamp of its message, ns.
-    pub(super) stamp_ns: u64,
 }
 
 /// Which images are played, and how.
@@ -66,21 +56,20 @@ impl RecordedCamera {
             topic: topic(path, wanted)?,
             reader: open(path)?,
             decoder: GreyImages::new(Size { width, height }),
-            ahead: None,
             repeat: wanted.repeat,
             strict: wanted.strict,
             left_out: 0,
             has_played: false,
         };
-        camera.ahead = camera.next_image()?;
-        if camera.ahead.is_none() {
+        if camera.decode_next(&mut vec![0; width as usize * height as usize])?.is_none() {
             return Err(camera.failed(format!("holds no image on {}", camera.topic)));
         }
+        camera.reader = open(path)?;
         Ok(camera)
     }
 
-    /// The next good image; `None` at the end.
-    fn next_image(&mut self) -> Result<Option<RecordedImage>, SourceError> {
+    /// Decodes the next good image into `out`; the stamp of its message, ns, or `None` at the end.
+    pub(super) fn decode_next(&mut self, out: &mut [u8]) -> Result<Option<u64>, SourceError> {
         loop {
             let message = self.reader.next_message().map_err(|e| recording(&self.path, &e))?;
             let Some(message) = message else {
@@ -96,10 +85,10 @@ impl RecordedCamera {
             if message.topic() != self.topic {
                 continue;
             }
-            match self.decoder.grey(&self.path, &message) {
-                Ok(grey) => {
+            match self.decoder.decode_into(&self.path, &message, out) {
+                Ok(()) => {
                     self.has_played = true;
-                    return Ok(Some(RecordedImage { grey, stamp_ns: message.stamp_ns }));
+                    return Ok(Some(message.stamp_ns));
                 }
                 // The first image tells whether the camera is that of the recording.
                 Err(error) if self.strict || !self.has_played && self.left_out == 0 => return Err(error),
@@ -111,17 +100,6 @@ impl RecordedCamera {
         }
     }
 
-    /// The image ahead is taken, and the next one looked at.
-    pub(super) fn advance(&mut self) -> Result<Option<RecordedImage>, SourceError> {
-        let next = self.next_image()?;
-        Ok(std::mem::replace(&mut self.ahead, next))
-    }
-
-    /// The stamp of the image ahead, ns; `None` at the end.
-    pub(super) fn ahead_ns(&self) -> Option<u64> {
-        self.ahead.as_ref().map(|image| image.stamp_ns)
-    }
-
     pub(super) fn failed(&self, what: String) -> SourceError {
         SourceError::Recording { file: self.path.clone(), what }
     }
@@ -130,12 +108,12 @@ impl RecordedCamera {
 impl ScheduledSource for RecordedCamera {
     fn arm(&mut self, _state: &JointState) {}
 
-    fn expose(&mut self, _exposure: &Exposure, out: &mut [u8]) -> Result<Position, SourceError> {
-        let Some(RecordedImage { grey, .. }) = self.advance()? else { return Ok(Position::Last) };
-        if out.len() == grey.len() {
-            out.copy_from_slice(&grey);
-        }
-        Ok(if self.ahead.is_some() { Position::Running } else { Position::Last })
+    fn expose(&mut self, _exposure: &Exposure, out: &mut [u8]) -> Result<Exposed, SourceError> {
+        Ok(if self.decode_next(out)?.is_some() { Exposed::Image } else { Exposed::End })
+    }
+
+    fn is_known_ahead(&self) -> bool {
+        true
     }
 }
 
@@ -190,8 +168,13 @@ impl GreyImages {
         Self { size, decoder: None }
     }
 
-    /// The grey levels of the image in `message`.
-    fn grey(&mut self, path: &Path, message: &RecordedMessage<'_>) -> Result<Vec<u8>, SourceError> {
+    /// Writes the grey levels of the image in `message` to `out`.
+    fn decode_into(
+        &mut self,
+        path: &Path,
+        message: &RecordedMessage<'_>,
+        out: &mut [u8],
+    ) -> Result<(), SourceError> {
         let failed = |what: String| SourceError::Recording { file: path.into(), what };
         match message.definition() {
             Some(IMAGE) => {
@@ -210,16 +193,14 @@ impl GreyImages {
                     Some((known, decoder)) if *known == format => decoder,
                     place => &mut place.insert((format, ToGrey::new(format, width, height))).1,
                 };
-                let mut grey = vec![0; width as usize * height as usize];
                 decoder
-                    .convert(image.data, image.stride_bytes as usize, &mut grey)
-                    .map_err(|error| failed(format!("an image is damaged: {error}")))?;
-                Ok(grey)
+                    .convert(image.data, image.stride_bytes as usize, out)
+                    .map_err(|error| failed(format!("an image is damaged: {error}")))
             }
             Some(COMPRESSED_IMAGE) => {
                 let file = compressed_image(message.data());
                 let file = file.ok_or_else(|| failed("an image is damaged".into()))?;
-                Ok(image_file::decode_of_size(path, file, self.size)?.into_raw())
+                image_file::decode_into(path, file, self.size, out)
             }
             _ => Err(failed(format!("{} carries no images", message.topic()))),
         }
@@ -317,11 +298,10 @@ mod tests {
         RecordedTopic { topic, camera: CameraId::FIRST, size_px: (4, 2), repeat: false, strict: false }
     }
 
-    fn played(camera: &mut RecordedCamera, count: usize) -> Vec<(Vec<u8>, Position)> {
+    fn played(camera: &mut RecordedCamera, count: usize) -> Vec<Option<Vec<u8>>> {
         let mut out = vec![0; 8];
         (0..count)
-            .map(|_| (camera.expose(&EXPOSURE, &mut out).unwrap(), out.clone()))
-            .map(|(p, o)| (o, p))
+            .map(|_| (camera.expose(&EXPOSURE, &mut out).unwrap() == Exposed::Image).then(|| out.clone()))
             .collect()
     }
 
@@ -346,16 +326,13 @@ mod tests {
             let mut camera =
                 RecordedCamera::open(file.path(), &RecordedTopic { camera: CameraId(n), ..wanted(None) })
                     .unwrap();
-            let seen = played(&mut camera, 3);
-            let levels: Vec<_> = seen.iter().map(|(pixels, position)| (pixels[7], *position)).collect();
-            assert_eq!(
-                levels,
-                [(n, Position::Running), (10 + n, Position::Running), (20 + n, Position::Last)]
-            );
+            let seen = played(&mut camera, 4);
+            let levels: Vec<_> = seen.iter().map(|pixels| pixels.as_ref().map(|pixels| pixels[7])).collect();
+            assert_eq!(levels, [Some(n), Some(10 + n), Some(20 + n), None]);
         }
         let again = RecordedTopic { repeat: true, ..wanted(None) };
         let mut camera = RecordedCamera::open(file.path(), &again).unwrap();
-        let levels: Vec<_> = played(&mut camera, 7).iter().map(|(pixels, _)| pixels[0]).collect();
+        let levels: Vec<_> = played(&mut camera, 7).iter().flatten().map(|pixels| pixels[0]).collect();
         assert_eq!(levels, [0, 10, 20, 0, 10, 20, 0]);
     }
 
@@ -377,7 +354,7 @@ mod tests {
             let file = recorded(&[("/image_raw", kind, bytes)]);
             let mut camera = RecordedCamera::open(file.path(), &wanted(None)).unwrap();
             assert_eq!(camera.topic, "/image_raw");
-            assert_eq!(played(&mut camera, 1), [(grey.to_vec(), Position::Last)]);
+            assert_eq!(played(&mut camera, 2), [Some(grey.to_vec()), None]);
         }
     }
 
@@ -414,7 +391,7 @@ mod tests {
             ("/a", IMAGE, good(3)),
         ]);
         let mut camera = RecordedCamera::open(file.path(), &wanted(None)).unwrap();
-        let levels: Vec<_> = played(&mut camera, 2).iter().map(|(pixels, _)| pixels[0]).collect();
+        let levels: Vec<_> = played(&mut camera, 3).iter().flatten().map(|pixels| pixels[0]).collect();
         assert_eq!((levels, camera.left_out), (vec![1, 3], 2));
         let strict = RecordedTopic { strict: true, ..wanted(None) };
         let mut camera = RecordedCamera::open(file.path(), &strict).unwrap();

@@ -1,9 +1,8 @@
 //! A folder of images as camera: PNG, PGM or JPEG files in the order of their names.
 
 use super::image_file::{self, Size};
-use super::{Exposure, Position, ScheduledSource, SourceError};
+use super::{Exposed, Exposure, ScheduledSource, SourceError};
 use crate::messages::JointState;
-use image::GrayImage;
 use std::path::{Path, PathBuf};
 use tracing::warn;
 
@@ -13,10 +12,8 @@ const ENDINGS: [&str; 4] = ["png", "pgm", "jpg", "jpeg"];
 #[derive(Debug)]
 pub struct Replay {
     files: Vec<PathBuf>,
-    /// The file after the one that is ahead.
+    /// The file that comes next.
     next: usize,
-    /// The image that the next exposure shows: decoded before, so that the last good one is known to be the last.
-    ahead: Option<GrayImage>,
     size: Size,
     repeat: bool,
     strict: bool,
@@ -24,7 +21,7 @@ pub struct Replay {
 }
 
 impl Replay {
-    /// Lists `folder` and looks at the size of every image in it. `strict`: the first file that is damaged ends it.
+    /// Lists `folder`, looks at the size of every image in it, and decodes the first. `strict`: the first file that is damaged ends it.
     ///
     /// # Errors
     /// [`SourceError`] when the folder cannot be read or holds no image, or something with the name of an image is no
@@ -50,9 +47,10 @@ impl Replay {
         }
         files.sort();
         let size = Size { width, height };
-        let mut replay = Self { files, next: 0, ahead: None, size, repeat, strict, left_out: 0 };
+        let mut replay = Self { files, next: 0, size, repeat, strict, left_out: 0 };
         replay.check_all()?;
-        replay.ahead = replay.load_next()?;
+        replay.decode_next(&mut vec![0; width as usize * height as usize])?;
+        replay.next = 0;
         Ok(replay)
     }
 
@@ -85,17 +83,17 @@ impl Replay {
         Ok(())
     }
 
-    /// The next good image; `None` at the end.
-    fn load_next(&mut self) -> Result<Option<GrayImage>, SourceError> {
+    /// Decodes the next good image into `out`.
+    fn decode_next(&mut self, out: &mut [u8]) -> Result<Exposed, SourceError> {
         loop {
             if self.repeat && self.next >= self.files.len() {
                 self.next = 0;
             }
-            let Some(file) = self.files.get(self.next) else { return Ok(None) };
-            match image_file::load(file, self.size) {
-                Ok(image) => {
+            let Some(file) = self.files.get(self.next) else { return Ok(Exposed::End) };
+            match image_file::load_into(file, self.size, out) {
+                Ok(()) => {
                     self.next += 1;
-                    return Ok(Some(image));
+                    return Ok(Exposed::Image);
                 }
                 Err(error) => self.leave_out(self.next, error)?,
             }
@@ -117,13 +115,12 @@ impl Replay {
 impl ScheduledSource for Replay {
     fn arm(&mut self, _state: &JointState) {}
 
-    fn expose(&mut self, _exposure: &Exposure, out: &mut [u8]) -> Result<Position, SourceError> {
-        let Some(grey) = self.ahead.take() else { return Ok(Position::Last) };
-        if out.len() == grey.len() {
-            out.copy_from_slice(&grey);
-        }
-        self.ahead = self.load_next()?;
-        Ok(if self.ahead.is_some() { Position::Running } else { Position::Last })
+    fn expose(&mut self, _exposure: &Exposure, out: &mut [u8]) -> Result<Exposed, SourceError> {
+        self.decode_next(out)
+    }
+
+    fn is_known_ahead(&self) -> bool {
+        true
     }
 }
 
@@ -131,7 +128,7 @@ impl ScheduledSource for Replay {
 mod tests {
     use super::*;
     use crate::time::{MonoNs, SpanNs};
-    use image::Luma;
+    use image::{GrayImage, Luma};
 
     const EXPOSURE: Exposure = Exposure { frame_id: 0, mid: MonoNs(0), span: SpanNs(0) };
 
@@ -144,25 +141,21 @@ mod tests {
         dir
     }
 
-    fn play(replay: &mut Replay, count: usize) -> Vec<(u8, Position)> {
+    fn play(replay: &mut Replay, count: usize) -> Vec<Option<u8>> {
         let mut out = vec![0; 32];
         (0..count)
-            .map(|_| {
-                let position = replay.expose(&EXPOSURE, &mut out).unwrap();
-                (out[5], position)
-            })
+            .map(|_| (replay.expose(&EXPOSURE, &mut out).unwrap() == Exposed::Image).then_some(out[5]))
             .collect()
     }
 
     #[test]
-    fn plays_in_the_order_of_names_and_says_which_is_the_last() {
+    fn plays_in_the_order_of_names_and_says_where_it_ends() {
         let dir = folder();
         let mut once = Replay::open(dir.path(), 8, 4, false, true).unwrap();
         assert_eq!(once.len(), 3);
-        let expected = [(1, Position::Running), (2, Position::Running), (3, Position::Last)];
-        assert_eq!(play(&mut once, 3), expected);
+        assert_eq!(play(&mut once, 5), [Some(1), Some(2), Some(3), None, None]);
         let mut looped = Replay::open(dir.path(), 8, 4, true, true).unwrap();
-        assert_eq!(play(&mut looped, 4)[3], (1, Position::Running));
+        assert_eq!(play(&mut looped, 4)[3], Some(1));
     }
 
     #[test]
@@ -200,12 +193,10 @@ mod tests {
         std::fs::write(dir.path().join("b3.jpg"), "no image").unwrap();
         let mut once = Replay::open(dir.path(), 8, 4, false, false).unwrap();
         assert_eq!(once.left_out(), 2, "of another size, and none");
-        let expected = [(1, Position::Running), (2, Position::Running), (3, Position::Last)];
-        assert_eq!(play(&mut once, 3), expected);
+        assert_eq!(play(&mut once, 4), [Some(1), Some(2), Some(3), None]);
         assert_eq!(once.left_out(), 4);
         let mut looped = Replay::open(dir.path(), 8, 4, true, false).unwrap();
-        let greys: Vec<_> = play(&mut looped, 7).into_iter().map(|(grey, _)| grey).collect();
-        assert_eq!(greys, [1, 2, 3, 1, 2, 3, 1]);
+        assert_eq!(play(&mut looped, 7), [1, 2, 3, 1, 2, 3, 1].map(Some));
         assert!(Replay::open(dir.path(), 8, 4, false, true).is_err());
         assert!(Replay::open(dir.path(), 80, 4, false, false).is_err(), "none is left");
     }

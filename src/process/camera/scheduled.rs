@@ -7,10 +7,10 @@ use crate::faults::{FaultyProcess, ProcessFaults};
 use crate::ipc::{BorrowedFrame, FrameSender, Receiver, Spin, WakeListener};
 use crate::messages::{FrameHeader, JointState, frame_flag};
 use crate::process::{
-    LONGEST_SPIN, LONGEST_WAIT, Membership, ProcessError, StopFlag, WAKE_AHEAD, process_faults,
+    FILLED_AHEAD, LONGEST_SPIN, LONGEST_WAIT, Membership, ProcessError, StopFlag, WAKE_AHEAD, process_faults,
 };
 use crate::rt::{now, sleep_until};
-use crate::source::{Exposure, NextInstant, Position, ScheduledSource};
+use crate::source::{Exposed, Exposure, NextInstant, ScheduledSource};
 use crate::time::{MonoNs, SpanNs};
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -27,6 +27,9 @@ pub(super) struct ScheduledCamera<'a> {
     source: Box<dyn ScheduledSource>,
     frames: FrameSender,
     arm: Receiver<JointState>,
+    /// Frames that are filled already, and whether none follows them.
+    ahead: VecDeque<BorrowedFrame>,
+    is_at_end: bool,
     lost: u64,
     faults: ProcessFaults,
 }
@@ -47,7 +50,8 @@ impl<'a> ScheduledCamera<'a> {
         arm: Receiver<JointState>,
     ) -> Self {
         let faults = process_faults::of(config, FaultyProcess::Camera);
-        Self { config, membership, source, frames, arm, lost: 0, faults }
+        let (ahead, is_at_end, lost) = (VecDeque::new(), false, 0);
+        Self { config, membership, source, frames, arm, ahead, is_at_end, lost, faults }
     }
 
     /// Runs until a stop is requested or the source ends; `wake_listener` is notified of the arm's states.
@@ -67,6 +71,9 @@ impl<'a> ScheduledCamera<'a> {
         let (mut frame_id, mut last, mut due) = (0, false, MonoNs::ZERO);
         let mut pending: VecDeque<PendingFrame> = VecDeque::new();
         loop {
+            if pending.front().is_none_or(|p| p.due > now()) {
+                self.fill_ahead()?;
+            }
             let (mid, is_dated) = match self.source.next_instant() {
                 NextInstant::Any => (start + schedule.exposure(frame_id), false),
                 NextInstant::At(mid) => (mid, true),
@@ -132,6 +139,7 @@ impl<'a> ScheduledCamera<'a> {
         let mut newest = None;
         while !stop.is_requested() {
             self.membership.beat();
+            self.fill_ahead()?;
             while let Some(state) = self.arm.receive()? {
                 self.source.arm(&state);
                 newest = Some(state.tick);
@@ -156,17 +164,41 @@ impl<'a> ScheduledCamera<'a> {
         Ok(())
     }
 
+    /// Fills frames that are not due yet, of a source that knows its images.
+    fn fill_ahead(&mut self) -> Result<(), ProcessError> {
+        while self.source.is_known_ahead() && !self.is_at_end && self.ahead.len() < FILLED_AHEAD {
+            let (frame, exposed) = self.filled_frame(0, MonoNs::ZERO)?;
+            self.is_at_end = exposed == Exposed::End;
+            self.ahead.extend((!self.is_at_end).then_some(frame));
+        }
+        Ok(())
+    }
+
+    /// A frame in shared memory, as the source fills it.
+    fn filled_frame(&mut self, frame_id: u64, mid: MonoNs) -> Result<(BorrowedFrame, Exposed), ProcessError> {
+        self.membership.beat();
+        let i = self.config.camera.model.intrinsics();
+        let mut frame = self.frames.borrow(i.width_px as usize * i.height_px as usize)?;
+        let exposure = Exposure { frame_id, mid, span: self.config.camera.exposure };
+        let exposed = self.source.expose(&exposure, frame.pixels_mut())?;
+        Ok((frame, exposed))
+    }
+
     /// Exposes frame `frame_id` into shared memory.
     fn expose(&mut self, frame_id: u64, mid: MonoNs) -> Result<(BorrowedFrame, FrameHeader), ProcessError> {
         let _span = debug_span!("frame", frame = frame_id).entered();
         self.membership.beat();
         process_faults::suffer(&self.faults, frame_id);
+        self.fill_ahead()?;
+        let (frame, last) = match self.ahead.pop_front() {
+            Some(frame) => (frame, self.ahead.is_empty() && self.is_at_end),
+            None => {
+                let (frame, exposed) = self.filled_frame(frame_id, mid)?;
+                (frame, exposed == Exposed::End)
+            }
+        };
         let camera = &self.config.camera;
-        let i = camera.model.intrinsics();
-        let mut frame = self.frames.borrow(i.width_px as usize * i.height_px as usize)?;
         let exposure = Exposure { frame_id, mid, span: camera.exposure };
-        let position = self.source.expose(&exposure, frame.pixels_mut())?;
-        let last = position == Position::Last;
         let mid = self.source.stamped(&exposure);
         let shot = Shot { frame_id, sequence: frame_id, mid, span: exposure.span, lost: self.lost, last };
         let header = shot.header(camera);
