@@ -75,6 +75,7 @@ struct ImageDetector {
     /// Known by a calibration.
     calibrated: bool,
     camera: CameraModel,
+    settings: VisionSettings,
     finder: DetectionMethod,
 }
 
@@ -89,6 +90,13 @@ enum DetectionMethod {
 impl ImageDetector {
     fn new(kind: &Kind, size: (u32, u32), calibration: Option<CameraModel>, response: &Response) -> Self {
         let camera = calibration.unwrap_or_else(|| nominal(size));
+        let settings = VisionSettings {
+            model_sd_px: MODEL_SD_PX,
+            track: false,
+            response: *response,
+            ..VisionSettings::default()
+        };
+        let vision = |target: Target| Vision::new(camera, target, settings);
         let finder = match (&kind.target, kind.any_tag) {
             (Target::Tags(tags), true) => {
                 let finder = TagFinder::new(tags.family(), size.0 as usize, size.1 as usize);
@@ -100,18 +108,15 @@ impl ImageDetector {
             }
             (Target::DotGrid(grid), _) => {
                 let equal = DotGrid::equal(grid.columns(), grid.rows(), grid.pitch_m());
-                let known = vision(camera, grid.clone().into());
+                let known = vision(grid.clone().into());
                 match equal {
-                    Ok(equal) => DetectionMethod::Grids(Box::new([known, vision(camera, equal.into())])),
+                    Ok(equal) => DetectionMethod::Grids(Box::new([known, vision(equal.into())])),
                     Err(_) => DetectionMethod::Target(Box::new(known)),
                 }
             }
-            (target, _) => {
-                let settings = VisionSettings { response: *response, ..vision_settings() };
-                DetectionMethod::Target(Box::new(Vision::new(camera, target.clone(), settings)))
-            }
+            (target, _) => DetectionMethod::Target(Box::new(vision(target.clone()))),
         };
-        Self { size, calibrated: calibration.is_some(), camera, finder }
+        Self { size, calibrated: calibration.is_some(), camera, settings, finder }
     }
 
     fn look(&mut self, image: &ImageView<'_>) -> Result<DetectedImage, Missed> {
@@ -131,7 +136,11 @@ impl ImageDetector {
                 if let ([one], true) = (tags.as_slice(), self.calibrated)
                     && let Ok(target) = Tags::one(finder.family(), *size_m, one.id)
                 {
-                    return seen(&mut vision(self.camera, target.into()), image, true);
+                    return seen(
+                        &mut Vision::new(self.camera, Target::from(target), self.settings),
+                        image,
+                        true,
+                    );
                 }
                 let found: Vec<_> = tags.iter().flat_map(corners).collect();
                 let px = found.iter().map(|point| point.px).collect();
@@ -150,14 +159,6 @@ impl ImageDetector {
             }
         }
     }
-}
-
-fn vision(camera: CameraModel, target: Target) -> Vision {
-    Vision::new(camera, target, vision_settings())
-}
-
-fn vision_settings() -> VisionSettings {
-    VisionSettings { model_sd_px: MODEL_SD_PX, track: false, ..VisionSettings::default() }
 }
 
 fn seen(vision: &mut Vision, image: &ImageView<'_>, calibrated: bool) -> Result<DetectedImage, Missed> {

@@ -189,6 +189,7 @@ pub fn describe(target: &Target) -> String {
     let what = match target {
         Target::FourDots(t) => format!("four dots, side {} mm", mm(t.side_m())),
         Target::DotGrid(t) => format!("dots {} x {}, pitch {} mm", t.columns(), t.rows(), mm(t.pitch_m())),
+        Target::DotBody(t) => format!("body with {} dots", t.points().len()),
         Target::Chessboard(t) => {
             format!(
                 "chessboard {} x {} inner corners, squares {} mm",

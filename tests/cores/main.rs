@@ -14,6 +14,7 @@ mod corrupted_images;
 mod detection;
 mod dot_grid;
 mod dot_grid_truth;
+mod dots_on_faces;
 mod dots_truth;
 mod edges_real;
 mod everything_at_once;

@@ -12,9 +12,10 @@ use vservo::motion::min_time_s;
 use vservo::sim::{Moment, simulate_system};
 
 /// Every shipped run file whose arm is simulated. The others have an arm or a camera outside of this process; those in textbook/ have the text's gains.
-const SIMULATED: [&str; 26] = [
+const SIMULATED: [&str; 27] = [
     "chessboard",
     "default",
+    "dot-cube",
     "dot-grid",
     "pan_tilt",
     "pan_tilt-stereo",

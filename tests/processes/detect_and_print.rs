@@ -103,6 +103,7 @@ fn a_calibration_yields_the_pose_and_the_overlay_image() {
     );
     std::fs::write(&camera, text).unwrap();
     let overlay = folder.path().join("seen.png");
+    let mut told = Vec::new();
     for kind in ["tag:36h11:0.05:7", "tag:36h11:0.05"] {
         let ended = ended(&[
             "detect",
@@ -127,7 +128,13 @@ fn a_calibration_yields_the_pose_and_the_overlay_image() {
         );
         assert!(answer["reprojection_rms_px"].as_f64().unwrap() < 0.2);
         assert_eq!(image::image_dimensions(&overlay).unwrap(), size);
+        let features = answer["features"].as_array().unwrap().iter();
+        told.push(
+            features.map(|f| ["u_px", "v_px", "sigma_px"].map(|key| f[key].clone())).collect::<Vec<_>>(),
+        );
     }
+    // With and without an id the response of the camera is taken as unknown, and the corners are the same.
+    assert_eq!(told[0], told[1]);
     // a camera of another size
     let other = printed(folder.path(), "tag:16h5:0.03:7", "other.png");
     let camera = camera.to_str().unwrap();

@@ -47,19 +47,18 @@ pub(super) fn resolve(raw: &mut RawConfig, document: &Document, problems: &mut V
     for (i, camera) in raw.cameras.iter_mut().enumerate() {
         one(&format!("cameras[{i}].mount"), &mut camera.mount);
     }
-    for (i, face) in raw.target.points.tags.iter_mut().enumerate() {
-        one(&format!("target.points.tags[{i}]"), face);
-    }
-    for (name, target) in &mut raw.targets {
+    let further = raw.targets.iter_mut().map(|(name, target)| (format!("targets.{name}"), target));
+    let second = raw.second_view.iter_mut().map(|second| ("second_view.target".into(), &mut second.target));
+    for (key, target) in std::iter::once(("target".into(), &mut raw.target)).chain(further).chain(second) {
         for (i, face) in target.points.tags.iter_mut().enumerate() {
-            one(&format!("targets.{name}.points.tags[{i}]"), face);
+            one(&format!("{key}.points.tags[{i}]"), face);
+        }
+        for (i, face) in target.points.faces.iter_mut().enumerate() {
+            one(&format!("{key}.points.faces[{i}]"), face);
         }
     }
     one("scene.object", &mut raw.scene.object);
     if let Some(second) = &mut raw.second_view {
-        for (i, face) in second.target.points.tags.iter_mut().enumerate() {
-            one(&format!("second_view.target.points.tags[{i}]"), face);
-        }
         one("second_view.object", &mut second.object);
         one("second_view.desired", &mut second.desired);
     }

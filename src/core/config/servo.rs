@@ -162,7 +162,7 @@ fn visibility(
     let guard = VisibilityGuard {
         camera: camera?.model,
         margin_px,
-        mark_radius_m: target.discs().iter().map(|disc| disc.radius_m).fold(0.0, f64::max),
+        mark_radius_m: target.dot_radius_m(),
         rate_1_s,
         acceleration: [f64::INFINITY; MAX_JOINTS], // the arm is validated later
     };

@@ -25,6 +25,7 @@ macro_rules! shipped {
 shipped! {
     "chessboard";
     "default";
+    "dot-cube";
     "dot-grid";
     "fr3-emulated";
     "hand-held" needs "real-camera.yaml";

@@ -2,7 +2,8 @@
 
 use super::check::{Validation, pose};
 use crate::target::{
-    Chessboard, DotGrid, FourDots, MAX_EXTENT_M, Shape, TagFamily, TagPlace, Tags, Target, TargetError,
+    Chessboard, DotBody, DotFace, DotGrid, FourDots, MAX_EXTENT_M, Shape, TagFamily, TagPlace, Tags, Target,
+    TargetError,
 };
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
@@ -28,7 +29,7 @@ word! {
         Tags,
         /// A free outline.
         Shape,
-        /// Points in space: the corners of tags on the faces of a body.
+        /// Points in space: the corners of tags, or dots, on the faces of a body.
         Points,
     }
 }
@@ -40,7 +41,7 @@ table! {
         kind: TargetKind = TargetKind::FourDots,
         /// Side of the square of dots, m.
         side_m: f64 = 0.1,
-        /// Radius of dots 2 to 4, m, or of 3 and 4.
+        /// Radius of dots 2 to 4, m, or of 3 and 4; of all dots on the faces of a body.
         radius_m: f64 = 0.010,
         /// Radius of dot 1, m.
         radius_p1_m: f64 = 0.015,
@@ -64,7 +65,7 @@ table! {
 }
 
 table! {
-    /// Tags on the faces of a body: their corners are points in space.
+    /// Tags or dots on the faces of a body: the corners of the ones and the centres of the others are points in space.
     RawPoints {
         /// Family: 36h11, 25h9 or 16h5.
         family: String = "36h11".into(),
@@ -75,6 +76,23 @@ table! {
         /// `[[target.points.tags]]`
         #[serde(skip_serializing_if = "Vec::is_empty")]
         tags: Vec<RawFace> = Vec::new(),
+        /// `[[target.points.faces]]`: instead of tags
+        #[serde(skip_serializing_if = "Vec::is_empty")]
+        faces: Vec<RawDotFace> = Vec::new(),
+    }
+}
+
+pose_table! {
+    /// One face with dots of the radius `target.radius_m`. Its z points into the body.
+    RawDotFace {
+        /// Its middle in the frame of the target, m.
+        position_m: [f64; 3] = [0.0, 0.0, 0.0],
+        /// Roll, pitch, yaw of its frame, rad.
+        rotation_rpy_rad: [f64; 3] = [0.0, 0.0, 0.0],
+        /// Its width along x and height along y, m.
+        size_m: [f64; 2] = [0.06, 0.06],
+        /// The centres of its dots, m.
+        dots_m: Vec<[f64; 2]> = Vec::new(),
     }
 }
 
@@ -237,6 +255,19 @@ pub(super) fn target(table: &str, raw: &RawTarget, check: &mut Validation<'_>) -
         check.count(&format!("{at}.id"), face.id, TAG_ID);
         check.pose(&at, face.position_m, face.rotation_rpy_rad);
     }
+    for (i, face) in raw.points.faces.iter().enumerate() {
+        let at = format!("{table}.points.faces[{i}]");
+        check.pose(&at, face.position_m, face.rotation_rpy_rad);
+        for (k, m) in face.size_m.iter().enumerate() {
+            check.range(&format!("{at}.size_m[{k}]"), *m, LENGTH_M);
+        }
+        for (k, m) in face.dots_m.iter().flatten().enumerate() {
+            check.range(&format!("{at}.dots_m[{}][{}]", k / 2, k % 2), *m, -100.0..=100.0);
+        }
+    }
+    if raw.kind == TargetKind::Points && !(raw.points.faces.is_empty() || raw.points.tags.is_empty()) {
+        check.wrong(&at("points"), "has both tags and faces with dots: a body has the ones or the others");
+    }
     for (key, family) in [("tags.family", &tags.family), ("points.family", &raw.points.family)] {
         if let Err(e) = family.parse::<TagFamily>() {
             check.wrong(&at(key), e.to_string());
@@ -285,6 +316,15 @@ pub(super) fn made(key: &str, raw: &RawTarget, check: &mut Validation<'_>) -> Op
             shape.check_distinct()?;
             Ok(shape.light_on_dark(raw.light_on_dark).into())
         }),
+        TargetKind::Points if !raw.points.faces.is_empty() => {
+            let of = |face: &RawDotFace| DotFace {
+                X_OF: pose(face.position_m, face.rotation_rpy_rad),
+                size_m: face.size_m,
+                centres_m: face.dots_m.iter().map(|dot| Vector2::from(*dot)).collect(),
+            };
+            DotBody::new(raw.radius_m, &raw.points.faces.iter().map(of).collect::<Vec<_>>())
+                .map(|body| body.light_on_dark(raw.light_on_dark).into())
+        }
         TargetKind::Points => points(&raw.points).map(Target::from),
     };
     made.map_err(|e| check.wrong(key, e.to_string())).ok()
@@ -376,6 +416,17 @@ impl RawTarget {
                     .tags
                     .iter()
                     .map(|face| RawFace { position_m: face.position_m.map(|m| m * scale), ..face.clone() })
+                    .collect(),
+                faces: self
+                    .points
+                    .faces
+                    .iter()
+                    .map(|face| RawDotFace {
+                        position_m: face.position_m.map(|m| m * scale),
+                        size_m: face.size_m.map(|m| m * scale),
+                        dots_m: face.dots_m.iter().map(|dot| dot.map(|m| m * scale)).collect(),
+                        ..face.clone()
+                    })
                     .collect(),
                 ..self.points.clone()
             },

@@ -259,8 +259,8 @@ pub(super) fn validate(
         servo.law.weigh_by_image();
     }
     if let Some(guard) = &mut servo.visibility {
-        let marks = further_targets.iter().flatten().flat_map(|further| further.target.discs());
-        guard.mark_radius_m = marks.map(|disc| disc.radius_m).fold(guard.mark_radius_m, f64::max);
+        let radii = further_targets.iter().flatten().map(|further| further.target.dot_radius_m());
+        guard.mark_radius_m = radii.fold(guard.mark_radius_m, f64::max);
         guard.acceleration.iter_mut().zip(&motion.max_acceleration).for_each(|(own, limit)| *own = *limit);
     }
     Some(Config {

@@ -246,6 +246,61 @@ mod tests {
         assert!(task.next_waypoint().is_some(), "started anew at the goal: control serves by a motion alone");
     }
 
+    /// Where the camera ends, by matrices and the maker's Denavit-Hartenberg parameters of a UR5 (universal-robots.com, DH parameters), which nothing here shares.
+    #[test]
+    fn a_motion_ends_where_matrices_say_to_1e_8() {
+        use nalgebra::Matrix4;
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/ur5.toml");
+        let config = Config::load(Some(&path), &[]).unwrap();
+        let robot = config.robot.build::<6>().unwrap();
+        let limits = MotionLimits::of(&robot, SVector::repeat(10.0), SVector::repeat(500.0));
+        let points = config.target.points().iter().map(|point| point.p_O).collect();
+        let cell =
+            BelievedCell { robot, limits, mount: config.camera.mount, camera: config.camera.model, points };
+        let set_point = config.set_point.clone();
+        let X_DO = *set_point.X_DO().unwrap();
+        let goal = Goal { id: 0, set_point, tolerance_px: 0.05, hold: SpanNs(0) };
+        let (quarter, none) = (std::f64::consts::FRAC_PI_2, 0.0);
+        let links = [
+            (0.089159, none, quarter),
+            (none, -0.425, none),
+            (none, -0.39225, none),
+            (0.10915, none, quarter),
+            (0.09465, none, -quarter),
+            (0.0823, none, none),
+        ];
+        // The camera stands 0.05 m before the flange, and looks along its z.
+        let camera = |q: &SVector<f64, 6>| {
+            let turn = links.iter().zip(q).fold(Matrix4::identity(), |X, ((d, a, alpha), q)| {
+                let ((s, c), (t, k)) = (q.sin_cos(), alpha.sin_cos());
+                #[rustfmt::skip]
+                let A = Matrix4::new(
+                    c, -s * k, s * t, a * c,
+                    s, c * k, -c * t, a * s,
+                    0.0, t, k, *d,
+                    0.0, 0.0, 0.0, 1.0,
+                );
+                X * A
+            });
+            turn * Matrix4::new_translation(&nalgebra::Vector3::new(0.0, 0.0, 0.05))
+        };
+        let q = SVector::from_column_slice(&config.start.q);
+        let mut random = Random::new(3);
+        for _ in 0..12 {
+            let mut task = LookAndMove::new(cell.clone());
+            let mut off = |most: f64| nalgebra::Vector3::from_fn(|_, _| random.between(-most, most));
+            let X_CO = Pose::new(off(0.05), off(0.2)) * X_DO;
+            let mut seen = Measurement { exposure: MonoNs(120 * MS), ..Measurement::default() };
+            seen.set_pose(&X_CO);
+            task.note_arm(MonoNs(100 * MS), ControlState::Waiting, true);
+            task.look(&seen, 30.0, &q, &goal);
+            let waypoint = (0..STARTS).find_map(|_| task.next_waypoint()).unwrap();
+            let wanted = camera(&q) * X_CO.to_homogeneous() * X_DO.to_homogeneous().try_inverse().unwrap();
+            let off = (camera(&waypoint) - wanted).abs().max();
+            assert!(off < 1e-8, "{off}");
+        }
+    }
+
     /// What it waits for when its time is over: frames, light, the target, or a better description.
     #[test]
     fn what_it_could_not_look_at_is_told() {

@@ -2,7 +2,7 @@
 
 use crate::camera_model::CameraModel;
 use crate::geometry::Pose;
-use crate::target::{Mark, Sheet, Target};
+use crate::target::{Mark, PointKind, Sheet, Target};
 use nalgebra::{Point3, UnitQuaternion, Vector2, Vector3};
 use serde::Serialize;
 
@@ -260,13 +260,14 @@ fn in_plane(p: &Vector2<f64>) -> Point3<f64> {
 
 /// The mark of each point, as an outline in O, m, and the margin that the finder needs about it, px.
 fn outlines(target: &Target) -> Vec<(Vec<Point3<f64>>, f64)> {
-    let discs = target.discs();
-    if !discs.is_empty() {
-        let outline = |disc: &crate::target::Disc| {
-            let loops = Mark::Disc(*disc).loops(SAG * disc.radius_m);
-            (loops.iter().flat_map(|outline| outline.iter().map(in_plane)).collect(), ROOM_ABOUT_A_DOT_PX)
+    if target.point_kind() == PointKind::Dots {
+        let outline = |i: usize| {
+            let (X_OF, disc) = target.dot(i)?;
+            let loops = Mark::Disc(disc).loops(SAG * disc.radius_m);
+            let places = loops.iter().flat_map(|outline| outline.iter().map(|p| X_OF * in_plane(p)));
+            Some((places.collect(), ROOM_ABOUT_A_DOT_PX))
         };
-        return discs.iter().map(outline).collect();
+        return (0..target.points().len()).map_while(outline).collect();
     }
     let needs_px = match target {
         Target::Chessboard(_) => ROOM_ABOUT_A_SADDLE_PX,

@@ -51,9 +51,9 @@ impl Vision {
         };
         let placed = |i: usize, X_CO: &Pose| {
             let px = estimator.camera.project(&(X_CO * estimator.target.points().get(i)?.p_O))?;
-            let Some(disc) = estimator.target.discs().get(i) else { return Some((px, [0.0; 3], 0.0)) };
+            let Some((X_OF, disc)) = estimator.target.dot(i) else { return Some((px, [0.0; 3], 0.0)) };
             let (covariance, area_px2) =
-                dot_covariance_px2(X_CO, &estimator.camera, &disc.centre_m, disc.radius_m)?;
+                dot_covariance_px2(&(X_CO * X_OF), &estimator.camera, &disc.centre_m, disc.radius_m)?;
             Some((px, covariance.map(|c| c + 1.0 / 12.0), area_px2))
         };
         // The motion of the object itself, which the camera's motion did not explain in the last frame, continues.

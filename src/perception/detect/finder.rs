@@ -15,7 +15,7 @@ use nalgebra::Vector2;
 #[derive(Debug, Clone)]
 #[allow(clippy::large_enum_variant)] // one in a process
 pub enum Finder {
-    /// Finder of four dots and of grids of dots.
+    /// Finder of four dots, of grids of dots, and of dots on the faces of a body.
     Dots(DotFinder),
     /// Finder of the inner corners of a chessboard.
     Chessboard(Box<ChessboardFinder>),
@@ -30,7 +30,7 @@ impl Finder {
     #[must_use]
     pub fn new(camera: CameraModel, target: &Target) -> Self {
         match target {
-            Target::FourDots(_) | Target::DotGrid(_) => {
+            Target::FourDots(_) | Target::DotGrid(_) | Target::DotBody(_) => {
                 Self::Dots(DotFinder::new(camera, target, !target.plate().light))
             }
             Target::Tags(tags) => Self::Tags(TagPlateFinder::new(&camera, tags)),

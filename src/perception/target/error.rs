@@ -77,6 +77,33 @@ pub enum TargetError {
         /// Corners in a column.
         rows: usize,
     },
+    /// A body has too few dots or too many.
+    #[error("target: {count} dots on the faces; give 5 to 24")]
+    DotCount {
+        /// How many.
+        count: usize,
+    },
+    /// A dot is cut by the edge of its face.
+    #[error("target: dot {} with a radius of {radius_m} m reaches beyond its face; make the face larger, or move the dot", dot + 1)]
+    DotBeyondFace {
+        /// Its place in the list, from 0.
+        dot: usize,
+        /// Radius of the dots, m.
+        radius_m: f64,
+    },
+    /// Two dots of a face touch.
+    #[error("target: dot {} touches another one of its face with a radius of {radius_m} m; move it, or make dots smaller", dot + 1)]
+    DotsTouch {
+        /// Its place in the list, from 0.
+        dot: usize,
+        /// Radius of the dots, m.
+        radius_m: f64,
+    },
+    /// A body whose dots cannot be told apart.
+    #[error(
+        "target: a turn of the body puts its dots on one another, so that they cannot be told apart; move one of them"
+    )]
+    DotsAlike,
     /// A plate without tags, or with too many.
     #[error("target: {count} tags; give 1 to 128")]
     TagCount {

@@ -5,10 +5,11 @@
 //! Target ──┤
 //!          marks, plate ──────► scene: what the synthetic camera draws; print: a sheet in true size
 //! ```
-//! Most targets are plates: their points lie in z_O = 0, and z_O points away from the camera that looks at them. Tags may lie on the faces of a
-//! body too; a face that is turned away is not seen.
+//! Most targets are plates: their points lie in z_O = 0, and z_O points away from the camera that looks at them. Tags and dots may lie on the faces
+//! of a body too; a face that is turned away is not seen.
 
 mod chessboard;
+mod dot_body;
 mod dot_grid;
 mod error;
 mod four_dots;
@@ -19,6 +20,7 @@ mod tag_family;
 mod tags;
 
 pub use chessboard::Chessboard;
+pub use dot_body::{DotBody, DotFace};
 pub use dot_grid::DotGrid;
 pub use error::TargetError;
 pub use four_dots::FourDots;
@@ -70,6 +72,8 @@ pub enum Target {
     FourDots(FourDots),
     /// Dots in rows and columns, identified by the large ones among them; also usable where it is partly hidden.
     DotGrid(DotGrid),
+    /// Dots on the faces of a body, identified by how they lie to each other.
+    DotBody(DotBody),
     /// Dark and light squares by turns.
     Chessboard(Chessboard),
     /// AprilTags.
@@ -97,6 +101,7 @@ macro_rules! each {
         match $target {
             Target::FourDots($name) => $call,
             Target::DotGrid($name) => $call,
+            Target::DotBody($name) => $call,
             Target::Chessboard($name) => $call,
             Target::Tags($name) => $call,
             Target::Shape($name) => $call,
@@ -109,7 +114,7 @@ impl Target {
     #[must_use]
     pub fn point_kind(&self) -> PointKind {
         match self {
-            Self::FourDots(_) | Self::DotGrid(_) => PointKind::Dots,
+            Self::FourDots(_) | Self::DotGrid(_) | Self::DotBody(_) => PointKind::Dots,
             Self::Chessboard(_) => PointKind::BoardCorners,
             Self::Tags(_) => PointKind::TagCorners,
             Self::Shape(_) => PointKind::Outline,
@@ -129,27 +134,43 @@ impl Target {
         each!(self, target => target.points())
     }
 
-    /// What is drawn; of dots, mark `i` about point `i`.
+    /// What is drawn on a plate; of dots, mark `i` about point `i`. Of a body with dots nothing: [`Self::sheets`] tells what is on each face.
     #[must_use]
     pub fn marks(&self) -> Vec<Mark> {
         let drawn = |discs: &[Disc]| discs.iter().copied().map(Mark::Disc).collect();
         match self {
             Self::FourDots(target) => drawn(target.discs()),
             Self::DotGrid(target) => drawn(target.discs()),
+            Self::DotBody(_) => Vec::new(),
             Self::Chessboard(target) => target.marks(),
             Self::Tags(target) => target.marks(),
             Self::Shape(target) => vec![target.mark().clone()],
         }
     }
 
-    /// The dots of a target that is made of dots, disc `i` about point `i`; empty for others.
+    /// The dots of a plate that is made of dots, disc `i` about point `i`; empty for others.
     #[must_use]
     pub fn discs(&self) -> &[Disc] {
         match self {
             Self::FourDots(target) => target.discs(),
             Self::DotGrid(target) => target.discs(),
-            Self::Chessboard(_) | Self::Tags(_) | Self::Shape(_) => &[],
+            Self::DotBody(_) | Self::Chessboard(_) | Self::Tags(_) | Self::Shape(_) => &[],
         }
+    }
+
+    /// Dot `i` of a target that is made of dots: the frame of the plate or face that it is on, X_OF, and its disc in that frame's plane.
+    #[must_use]
+    pub fn dot(&self, i: usize) -> Option<(Pose, Disc)> {
+        match self {
+            Self::DotBody(body) => body.dot(i),
+            plate => plate.discs().get(i).map(|disc| (Pose::identity(), *disc)),
+        }
+    }
+
+    /// The largest radius of its dots, m; 0 of a target without any.
+    #[must_use]
+    pub fn dot_radius_m(&self) -> f64 {
+        (0..self.points().len()).map_while(|i| self.dot(i)).map(|(_, disc)| disc.radius_m).fold(0.0, f64::max)
     }
 
     /// What it is drawn on.
@@ -161,6 +182,9 @@ impl Target {
     /// Its flat parts: one of a plate, one for each face of a body.
     #[must_use]
     pub fn sheets(&self) -> Vec<Sheet> {
+        if let Self::DotBody(body) = self {
+            return body.sheets();
+        }
         if let Self::Tags(tags) = self
             && !tags.faces().is_empty()
         {
@@ -187,6 +211,7 @@ impl Target {
     pub fn is_turned_to_camera(&self, i: usize, X_CO: &Pose) -> bool {
         match self {
             Self::Tags(tags) => tags.is_turned_to_camera(i, X_CO),
+            Self::DotBody(body) => body.is_turned_to_camera(i, X_CO),
             Self::FourDots(_) | Self::DotGrid(_) | Self::Chessboard(_) | Self::Shape(_) => true,
         }
     }
@@ -203,6 +228,7 @@ impl Target {
         match self {
             Self::FourDots(_) => 4,
             Self::DotGrid(grid) => grid.min_to_find(),
+            Self::DotBody(_) => DotBody::LEAST,
             Self::Chessboard(_) => 9,
             Self::Tags(_) => 4,
             Self::Shape(shape) => shape.points().len(),
@@ -215,7 +241,7 @@ impl Target {
         let (columns, stride) = match self {
             // of every so manieth tag all corners
             Self::Tags(target) => (4, (target.points().len()).div_ceil(MAX_FEATURES)),
-            Self::FourDots(_) | Self::Shape(_) => (MAX_FEATURES, 1),
+            Self::FourDots(_) | Self::DotBody(_) | Self::Shape(_) => (MAX_FEATURES, 1),
             Self::DotGrid(grid) => (grid.columns(), grid.feature_stride()),
             Self::Chessboard(board) => (board.columns(), board.feature_stride()),
         };
@@ -243,4 +269,4 @@ macro_rules! from {
     )*};
 }
 
-from!(FourDots, DotGrid, Chessboard, Tags, Shape);
+from!(FourDots, DotGrid, DotBody, Chessboard, Tags, Shape);

@@ -7,6 +7,7 @@
 //! across the diagonal through P1. For a view over mirrors use a grid of dots, which is never confused with its mirror image.
 
 use super::blob::Blob;
+use super::body::{BodyDots, MAX_BODY_CANDIDATES};
 use super::dot::DotMeter;
 use super::dot_grid::Lattice;
 use super::fill::filled;
@@ -18,7 +19,7 @@ use crate::detect::{Detection, PredictedPoint};
 use crate::geometry::Pose;
 use crate::imaging::{Components, Connectivity, ImageView, LocalThreshold, Runs, Window};
 use crate::messages::TargetStatus;
-use crate::target::{Disc, Target};
+use crate::target::{Disc, DotBody, Target};
 use nalgebra::Vector2;
 
 /// A region may grow so many times by filling its holes. Chosen by hand: glare over two thirds of a dot leaves a rim; of a thinner ring it is
@@ -27,6 +28,8 @@ const MAX_FILLED: u64 = 3;
 /// Among more ellipses than these, those are looked for that stand out from what is around them. Chosen by hand: eight are 70 choices of four,
 /// sixteen 1820, so that a look around each pays.
 const FEW_CANDIDATES: usize = 8;
+/// The same of the dots of a body. Chosen by hand: half of the most that it has, as many as it shows.
+const FEW_OF_A_BODY: usize = 12;
 /// Runs that there is room for in the smallest frame. Chosen by hand: one run in 16 px, as larger frames have, of 256 x 256 px.
 const MIN_RUNS: usize = 4096;
 /// Candidates for a grid that there is room for at least: its dots may be the smallest of all that is round in the frame. Chosen by hand: a small
@@ -40,6 +43,7 @@ const MAX_HOLED: usize = 64;
 enum DotPattern {
     FourDots(Box<Square>),
     DotGrid(Box<Lattice>),
+    Body(Box<BodyDots>),
     /// Unrelated dots, known only by their last positions.
     Any,
     /// A target without dots.
@@ -56,15 +60,17 @@ impl DotPattern {
         match self {
             Self::FourDots(square) => square.find(candidates, chosen),
             Self::DotGrid(lattice) => lattice.find(candidates, chosen),
+            Self::Body(body) => body.find(candidates, chosen),
             Self::Any | Self::None => Err(TargetStatus::NoMatch),
         }
     }
 
     /// Whether tracked regions can be the target's.
-    fn confirm(&self, chosen: &[(u32, Blob)]) -> bool {
+    fn confirm(&mut self, chosen: &[(u32, Blob)]) -> bool {
         match self {
             Self::FourDots(square) => square.confirm(chosen),
             Self::DotGrid(lattice) => lattice.confirm(chosen),
+            Self::Body(body) => body.confirm(chosen),
             Self::Any => !chosen.is_empty(),
             Self::None => false,
         }
@@ -74,7 +80,7 @@ impl DotPattern {
     fn told_radius_m(&self) -> Option<f64> {
         match self {
             Self::DotGrid(lattice) => lattice.told_radius_m(),
-            Self::FourDots(_) | Self::Any | Self::None => None,
+            Self::FourDots(_) | Self::Body(_) | Self::Any | Self::None => None,
         }
     }
 
@@ -83,6 +89,7 @@ impl DotPattern {
         match self {
             Self::FourDots(_) | Self::Any | Self::None => false,
             Self::DotGrid(lattice) => count >= lattice.least(),
+            Self::Body(_) => count >= DotBody::LEAST,
         }
     }
 }
@@ -102,7 +109,8 @@ pub(super) enum SearchEffort {
 #[derive(Debug, Clone)]
 pub struct DotFinder {
     camera: CameraModel,
-    discs: Box<[Disc]>,
+    /// Of each point the frame of the plate or face that its dot is on, X_OF, and the dot in that frame.
+    dots: Box<[(Pose, Disc)]>,
     pub(super) runs: Runs,
     components: Components,
     /// The same of a window about one region: those of the frame stay.
@@ -134,14 +142,17 @@ impl DotFinder {
                 let most = (2 * count + 32).max(MIN_ROOM);
                 (DotPattern::DotGrid(Box::new(Lattice::new(camera, grid, most))), most)
             }
+            Target::DotBody(body) => {
+                (DotPattern::Body(Box::new(BodyDots::new(camera, body))), MAX_BODY_CANDIDATES)
+            }
             Target::Chessboard(_) | Target::Tags(_) | Target::Shape(_) => (DotPattern::None, 0),
         };
         let meter = DotMeter::new(free_distances(target), light_on_dark);
-        let discs = target.discs().into();
+        let dots = (0..count).map_while(|i| target.dot(i)).collect();
         let min_candidates = target.min_to_find();
         Self {
             min_candidates,
-            ..Self::with(camera, pattern, discs, count, max_candidates, meter, light_on_dark)
+            ..Self::with(camera, pattern, dots, count, max_candidates, meter, light_on_dark)
         }
     }
 
@@ -166,7 +177,7 @@ impl DotFinder {
     fn with(
         camera: CameraModel,
         pattern: DotPattern,
-        discs: Box<[Disc]>,
+        dots: Box<[(Pose, Disc)]>,
         count: usize,
         max_candidates: usize,
         meter: DotMeter,
@@ -177,7 +188,7 @@ impl DotFinder {
         let limit = (pixels / 16).max(MIN_RUNS);
         Self {
             camera,
-            discs,
+            dots,
             runs: Runs::with_limit(limit),
             components: Components::with_limit(limit),
             near_runs: Runs::with_limit((limit / 4).max(MIN_RUNS)),
@@ -264,8 +275,10 @@ impl DotFinder {
     /// of a disc's centre is not the centre of its image.
     #[must_use]
     pub fn bias_px(&self, id: u32, X_CO: &Pose) -> Vector2<f64> {
-        let disc = self.discs.get(id as usize);
-        disc.map_or(Vector2::zeros(), |m| centre_offset(X_CO, &self.camera, &m.centre_m, m.radius_m))
+        let dot = self.dots.get(id as usize);
+        dot.map_or(Vector2::zeros(), |(X_OF, disc)| {
+            centre_offset(&(X_CO * X_OF), &self.camera, &disc.centre_m, disc.radius_m)
+        })
     }
 
     /// The region nearest to a prediction, of those that are `alike`, in a window `margin` px larger than its ellipse, by `threshold`.
@@ -317,8 +330,12 @@ impl DotFinder {
         found: &mut Vec<Detection>,
     ) -> Result<(), TargetStatus> {
         let round = self.gather(image, look);
-        let cluttered =
-            look == SearchEffort::Quick && self.max_candidates == MAX_CANDIDATES && round > FEW_CANDIDATES;
+        let few = match self.pattern {
+            DotPattern::FourDots(_) => FEW_CANDIDATES,
+            DotPattern::Body(_) => FEW_OF_A_BODY,
+            DotPattern::DotGrid(_) | DotPattern::Any | DotPattern::None => usize::MAX,
+        };
+        let cluttered = look == SearchEffort::Quick && round > few;
         if cluttered {
             self.gather(image, SearchEffort::Careful);
         }
@@ -339,7 +356,7 @@ impl DotFinder {
         }
         self.pattern.find(&self.candidates, &mut self.chosen)?;
         if let Some(radius_m) = self.pattern.told_radius_m() {
-            self.discs.iter_mut().for_each(|disc| disc.radius_m = radius_m);
+            self.dots.iter_mut().for_each(|(_, disc)| disc.radius_m = radius_m);
         }
         let mut chosen = std::mem::take(&mut self.chosen);
         chosen.iter_mut().for_each(|(_, blob)| *blob = self.settled(image, blob));
@@ -413,6 +430,10 @@ fn invert<'a>(image: &ImageView<'_>, window: &Window, buffer: &'a mut [u8]) -> O
 
 /// Least distance from each dot's rim to a neighbour's, or to the plate's edge, in the dot's radii.
 fn free_distances(target: &Target) -> Box<[f64]> {
+    if let Target::DotBody(body) = target {
+        let of = |i| Some((body.free_m(i) / body.dot(i)?.1.radius_m).clamp(0.1, 3.0)); // as below
+        return (0..body.points().len()).map_while(of).collect();
+    }
     let (marks, plate) = (target.discs(), target.plate());
     let free = |(i, mark): (usize, &Disc)| {
         let (a, b) = (mark.centre_m - plate.low_m, plate.high_m - mark.centre_m);

@@ -1,9 +1,9 @@
-//! Targets made of dots: the square of four dots, and grids.
+//! Targets made of dots: the square of four dots, grids, and bodies with dots on their faces.
 //!
 //! Data flow:
 //!
 //! ```text
-//! whole frame:  threshold -> regions -> ellipses with contrast -> those that form the target: four_dots, dot_grid
+//! whole frame:  threshold -> regions -> ellipses with contrast -> those that form the target: four_dots, dot_grid, body
 //! tracking:     windows around the expected dots -> regions -> the same check
 //! both:         grey-level centroids, with their standard deviation
 //! ```
@@ -14,6 +14,7 @@
 //! function of position.
 
 mod blob;
+mod body;
 mod clipped;
 mod dot;
 mod dot_grid;

@@ -1,0 +1,338 @@
+//! Identification of the dots of a body: which region is which dot, by the pose of the body that explains most of them.
+//!
+//! ```text
+//! three regions as three dots ─► do sizes and distances allow it? ─► up to four poses (P3P) ─► dots turned to the camera, tilted as their ellipses are?
+//!                             ─► all regions near a dot of this pose ─► least squares ─► the assignment with most dots, where no other has as many
+//! ```
+//! Dots have one size, so that the size of an ellipse tells how far away it is, to some percent: what lies further apart in depth than the body is large
+//! belongs to something else.
+
+use super::blob::Blob;
+use super::offset::centre_offset;
+use crate::camera_model::CameraModel;
+use crate::geometry::Pose;
+use crate::messages::TargetStatus;
+use crate::pose::{Correspondence3, p3p, refine_3d};
+use crate::target::{Disc, DotBody};
+use nalgebra::{Point3, Vector2, Vector3};
+
+/// Most regions among which the body is looked for. Chosen by hand: a body shows half of its dots, 12 of 24, and as many other regions are 2 024 choices of three.
+pub(super) const MAX_BODY_CANDIDATES: usize = 24;
+/// Assignments that are kept. Chosen by hand: an image with more of them is ambiguous.
+const MAX_FITS: usize = 32;
+/// Poses of three dots that a search may compute, as a bound on time. Chosen by hand: some 0.1 s of one core; a body with 13 dots, nine of them in view, takes some thousands.
+const MAX_POSES: usize = 100_000;
+/// How far off a depth may be that follows from an ellipse's size, as share. Chosen by hand: a threshold 0.4 px off the rim of a dot of 5 px radius is 8 % of it.
+const DEPTH_SHARE: f64 = 0.12;
+/// How far off the ratio of an ellipse's axes may be from the cosine of its tilt. Chosen by hand: as [`DEPTH_SHARE`] of either axis.
+const RATIO_OFF: f64 = 0.25;
+/// Least cosine of the tilt of a dot that can be seen; that of the flattest region that is taken for a dot.
+const LEAST_COSINE: f64 = 0.2;
+/// Distance from a dot of a pose of three within which a region is taken for it, px, and after least squares. Chosen by hand: three centres that are 0.3 px off
+/// put a fourth one off by some px; then regions are as far off as their thresholds make them.
+const NEAR_PX: f64 = 4.0;
+const FITTED_PX: f64 = 2.0;
+/// Greatest root mean square distance of regions from the dots of their pose, px. Chosen by hand: regions are off by 0.1 to 0.3 px, a lens by some tenths.
+const MAX_RMS_PX: f64 = 0.7;
+/// Least share of the dots turned to the camera that are to be found. Measured (`another_body_is_not_taken_for_this_one`): with 0.45, five dots of a body of another kind
+/// were taken for this one in 4 of 80 images.
+const MIN_SHARE: f64 = 0.6;
+/// Another assignment of as many dots is as good unless its residual is so many times larger. Chosen by hand: residuals of five dots, four numbers, vary by half.
+const CLEARLY: f64 = 3.0;
+
+/// What no region is assigned to.
+const NONE: u8 = u8::MAX;
+
+/// A dot of the body.
+#[derive(Debug, Clone, Copy)]
+struct BodyDot {
+    p_O: Point3<f64>,
+    inward: Vector3<f64>,
+    X_OF: Pose,
+    disc: Disc,
+}
+
+/// A region, with what follows from it alone.
+#[derive(Debug, Clone, Copy)]
+struct BodyCandidate {
+    px: Vector2<f64>,
+    s: Vector2<f64>,
+    /// Longer half axis, normalized, and the shorter over the longer one.
+    axis: f64,
+    ratio: f64,
+    depth_m: f64,
+}
+
+/// Which dot each region is, and how well that fits.
+#[derive(Debug, Clone, Copy)]
+struct Assignment {
+    dots: [u8; MAX_BODY_CANDIDATES],
+    count: usize,
+    rms_px: f64,
+}
+
+impl Assignment {
+    /// Whether one region is different dots in both, or one dot different regions.
+    fn contradicts(&self, other: &Self) -> bool {
+        let pairs = || self.dots.iter().zip(&other.dots);
+        pairs().any(|(a, b)| a != b && *a != NONE && *b != NONE)
+            || pairs().any(|(a, b)| a != b && *a != NONE && other.dots.contains(a) && *b == NONE)
+    }
+}
+
+/// Identifies the dots of one body. Owns its buffers.
+#[derive(Debug, Clone)]
+pub(super) struct BodyDots {
+    camera: CameraModel,
+    focal_px: f64,
+    dots: Box<[BodyDot]>,
+    /// Greatest distance of two dots, m.
+    extent_m: f64,
+    seen: Vec<BodyCandidate>,
+    fits: Vec<Assignment>,
+    pairs: Vec<Correspondence3>,
+}
+
+impl BodyDots {
+    pub(super) fn new(camera: CameraModel, body: &DotBody) -> Self {
+        let i = camera.intrinsics();
+        let of = |(k, point): (usize, &crate::target::TargetPoint)| {
+            let (X_OF, disc) = body.dot(k)?;
+            Some(BodyDot { p_O: point.p_O, inward: body.inward(k), X_OF, disc })
+        };
+        let dots: Box<[_]> = body.points().iter().enumerate().filter_map(of).collect();
+        let apart = |a: &BodyDot| dots.iter().map(|b| (b.p_O - a.p_O).norm()).fold(0.0, f64::max);
+        let extent_m = dots.iter().map(apart).fold(0.0, f64::max);
+        Self {
+            camera,
+            focal_px: (i.fx_px * i.fy_px).sqrt(),
+            dots,
+            extent_m,
+            seen: Vec::with_capacity(MAX_BODY_CANDIDATES),
+            fits: Vec::with_capacity(MAX_FITS),
+            pairs: Vec::with_capacity(MAX_BODY_CANDIDATES),
+        }
+    }
+
+    /// The regions that are dots of the body, with their ids, rising.
+    ///
+    /// # Errors
+    /// The status that says why there is no target.
+    pub(super) fn find(
+        &mut self,
+        candidates: &[(f64, Blob)],
+        chosen: &mut Vec<(u32, Blob)>,
+    ) -> Result<(), TargetStatus> {
+        let candidates = candidates.get(..MAX_BODY_CANDIDATES).unwrap_or(candidates);
+        self.take(candidates.iter().map(|(_, blob)| blob));
+        self.assign_all();
+        let better =
+            |a: &&Assignment, b: &&Assignment| a.count.cmp(&b.count).then(b.rms_px.total_cmp(&a.rms_px));
+        let Some(best) = self.fits.iter().max_by(better) else { return Err(TargetStatus::NoMatch) };
+        let as_good = |other: &Assignment| {
+            other.count >= best.count && other.rms_px < CLEARLY * best.rms_px && other.contradicts(best)
+        };
+        if self.fits.iter().any(as_good) {
+            return Err(TargetStatus::Ambiguous);
+        }
+        chosen.clear();
+        let found = candidates.iter().zip(best.dots).filter(|(_, dot)| *dot != NONE);
+        chosen.extend(found.map(|((_, blob), dot)| (u32::from(dot), *blob)));
+        chosen.sort_unstable_by_key(|(id, _)| *id);
+        Ok(())
+    }
+
+    /// Whether tracked regions can be the body's: one pose explains them.
+    pub(super) fn confirm(&mut self, found: &[(u32, Blob)]) -> bool {
+        if found.len() < 4 || found.len() > MAX_BODY_CANDIDATES {
+            return false;
+        }
+        self.take(found.iter().map(|(_, blob)| blob));
+        let mut dots = [NONE; MAX_BODY_CANDIDATES];
+        for (dot, (id, _)) in dots.iter_mut().zip(found) {
+            *dot = u8::try_from(*id).unwrap_or(NONE);
+        }
+        // Three that lie far apart: of three in a row nothing follows.
+        let count = found.len();
+        let triples =
+            (0..count).flat_map(|i| (i + 1..count).flat_map(move |j| (j + 1..count).map(move |k| [i, j, k])));
+        let area = |triple: &[usize; 3]| {
+            let [a, b, c] = triple.map(|i| self.seen.get(i).map_or_else(Vector2::zeros, |seen| seen.s));
+            (b - a).perp(&(c - a)).abs()
+        };
+        let Some(widest) = triples.max_by(|a, b| area(a).total_cmp(&area(b))) else { return false };
+        let Some(start) = self.triple(widest, widest.map(|i| dots.get(i).map_or(0, |dot| usize::from(*dot))))
+        else {
+            return false;
+        };
+        let Ok(poses) = p3p(&start) else { return false };
+        poses
+            .as_slice()
+            .iter()
+            .any(|X_CO| self.fitted(X_CO, &dots).is_some_and(|(_, rms_px)| rms_px < MAX_RMS_PX))
+    }
+
+    fn take<'a>(&mut self, blobs: impl Iterator<Item = &'a Blob>) {
+        let (camera, focal_px) = (&self.camera, self.focal_px);
+        let radius_m = self.dots.first().map_or(0.0, |dot| dot.disc.radius_m);
+        self.seen.clear();
+        self.seen.extend(blobs.map(|blob| {
+            let px = Vector2::new(blob.x, blob.y);
+            let s = camera.normalized_of(&px);
+            let (major, minor) = blob.axes();
+            // a lens stretches what is far from its axis
+            let scale = camera.pixel_jacobian(&s).determinant().abs().sqrt().max(0.1 * focal_px);
+            let axis = major / scale;
+            BodyCandidate { px, s, axis, ratio: minor / major, depth_m: radius_m / axis }
+        }));
+    }
+
+    /// All assignments that explain enough dots.
+    fn assign_all(&mut self) {
+        self.fits.clear();
+        let mut left = MAX_POSES;
+        for i in 0..self.seen.len() {
+            for j in i + 1..self.seen.len() {
+                for k in j + 1..self.seen.len() {
+                    if self.are_near_in_depth([i, j, k]) {
+                        self.assign_triple([i, j, k], &mut left);
+                    }
+                    if left == 0 {
+                        return;
+                    }
+                }
+            }
+        }
+    }
+
+    fn are_near_in_depth(&self, regions: [usize; 3]) -> bool {
+        let depths = regions.map(|i| self.seen.get(i).map_or(f64::NAN, |seen| seen.depth_m));
+        let (least, most) = depths.iter().fold((f64::INFINITY, 0.0f64), |(a, b), z| (a.min(*z), b.max(*z)));
+        most * (1.0 - DEPTH_SHARE) - least * (1.0 + DEPTH_SHARE) < self.extent_m
+    }
+
+    /// Three regions as any three dots.
+    fn assign_triple(&mut self, regions: [usize; 3], left: &mut usize) {
+        let count = self.dots.len();
+        let [i, j, k] = regions;
+        for a in 0..count {
+            for b in (0..count).filter(|b| *b != a) {
+                if !self.may_be([i, j], [a, b]) {
+                    continue;
+                }
+                for c in (0..count).filter(|c| *c != a && *c != b) {
+                    if !self.may_be([i, k], [a, c]) || !self.may_be([j, k], [b, c]) {
+                        continue;
+                    }
+                    let Some(points) = self.triple(regions, [a, b, c]) else { continue };
+                    *left = left.saturating_sub(1);
+                    let Ok(poses) = p3p(&points) else { continue };
+                    for X_CO in poses.as_slice() {
+                        let shown = regions.into_iter().zip([a, b, c]);
+                        if shown.clone().all(|(region, dot)| self.shows(region, dot, X_CO)) {
+                            self.extend(X_CO);
+                        }
+                    }
+                    if *left == 0 {
+                        return;
+                    }
+                }
+            }
+        }
+    }
+
+    fn triple(&self, regions: [usize; 3], dots: [usize; 3]) -> Option<[Correspondence3; 3]> {
+        let pair = |n: usize| {
+            let (region, dot) = (self.seen.get(*regions.get(n)?)?, self.dots.get(*dots.get(n)?)?);
+            Some(Correspondence3 { r: dot.p_O, s: region.s })
+        };
+        Some([pair(0)?, pair(1)?, pair(2)?])
+    }
+
+    /// Whether two regions can lie as far apart as two dots do: across the line of sight they are not further apart, and along it not further than their sizes tell.
+    fn may_be(&self, [i, j]: [usize; 2], [a, b]: [usize; 2]) -> bool {
+        let (Some(p), Some(q)) = (self.seen.get(i), self.seen.get(j)) else { return false };
+        let (Some(a), Some(b)) = (self.dots.get(a), self.dots.get(b)) else { return false };
+        let apart2 = (a.p_O - b.p_O).norm_squared();
+        let depth_m = 0.5 * (p.depth_m + q.depth_m);
+        let across2 = (p.s - q.s).norm_squared() * depth_m * depth_m;
+        let along = (p.depth_m - q.depth_m).abs() + 2.0 * DEPTH_SHARE * depth_m;
+        let more = (1.0 + DEPTH_SHARE) * (1.0 + DEPTH_SHARE);
+        across2 < apart2 * more * more && apart2 < (across2 + along * along) * more
+    }
+
+    /// Whether a region has the size and the tilt of a dot at this pose.
+    fn shows(&self, region: usize, dot: usize, X_CO: &Pose) -> bool {
+        let (Some(seen), Some(dot)) = (self.seen.get(region), self.dots.get(dot)) else { return false };
+        let p = (X_CO * dot.p_O).coords;
+        let cosine = (X_CO.rotation * dot.inward).dot(&p) / p.norm();
+        cosine > LEAST_COSINE
+            && (cosine - seen.ratio).abs() < RATIO_OFF
+            && (seen.axis * p.z / dot.disc.radius_m - 1.0).abs() < 2.0 * DEPTH_SHARE
+    }
+
+    /// Every region near a dot that this pose shows there, each dot once; and how many dots are turned to the camera within the image.
+    fn matched(&self, X_CO: &Pose, within_px: f64) -> (Assignment, usize) {
+        let mut found = Assignment { dots: [NONE; MAX_BODY_CANDIDATES], count: 0, rms_px: f64::INFINITY };
+        let mut turned = 0;
+        for (number, dot) in self.dots.iter().enumerate() {
+            let p = X_CO * dot.p_O;
+            if (X_CO.rotation * dot.inward).dot(&p.coords) < LEAST_COSINE * p.coords.norm() {
+                continue;
+            }
+            let Some(px) = self.camera.project(&p) else { continue };
+            turned += usize::from(self.camera.contains(&px, 0.0));
+            let off = |seen: &BodyCandidate| (seen.px - px).norm();
+            let free = self.seen.iter().enumerate().filter(|(i, _)| found.dots.get(*i) == Some(&NONE));
+            let near =
+                free.filter(|(_, seen)| off(seen) < within_px).min_by(|a, b| off(a.1).total_cmp(&off(b.1)));
+            if let Some((i, _)) = near
+                && self.shows(i, number, X_CO)
+                && let Some(place) = found.dots.get_mut(i)
+            {
+                *place = number as u8;
+                found.count += 1;
+            }
+        }
+        (found, turned)
+    }
+
+    /// Keeps the assignment that follows from a pose of three dots, where it explains enough.
+    fn extend(&mut self, X_CO: &Pose) {
+        let enough = |(found, turned): &(Assignment, usize)| {
+            found.count >= DotBody::LEAST && found.count as f64 >= MIN_SHARE * *turned as f64
+        };
+        let first = self.matched(X_CO, NEAR_PX);
+        if !enough(&first) || self.is_known(&first.0) {
+            return;
+        }
+        let Some((refined, _)) = self.fitted(X_CO, &first.0.dots) else { return };
+        let second = self.matched(&refined, FITTED_PX);
+        if !enough(&second) || self.is_known(&second.0) {
+            return;
+        }
+        let Some((_, rms_px)) = self.fitted(&refined, &second.0.dots) else { return };
+        if rms_px < MAX_RMS_PX && self.fits.len() < MAX_FITS {
+            self.fits.push(Assignment { rms_px, ..second.0 });
+        }
+    }
+
+    fn is_known(&self, found: &Assignment) -> bool {
+        self.fits.iter().any(|known| known.dots == found.dots)
+    }
+
+    /// The pose of least squares from `X_CO`, with the offsets of dots' centres at it, and the root mean square residual, px.
+    fn fitted(&mut self, X_CO: &Pose, dots: &[u8; MAX_BODY_CANDIDATES]) -> Option<(Pose, f64)> {
+        let mut pairs = std::mem::take(&mut self.pairs);
+        pairs.clear();
+        for (seen, dot) in self.seen.iter().zip(dots).filter(|(_, dot)| **dot != NONE) {
+            let Some(dot) = self.dots.get(usize::from(*dot)) else { continue };
+            let X_CF = X_CO * dot.X_OF;
+            let offset = centre_offset(&X_CF, &self.camera, &dot.disc.centre_m, dot.disc.radius_m);
+            pairs.push(Correspondence3 { r: dot.p_O, s: self.camera.normalized_of(&(seen.px - offset)) });
+        }
+        let refined = refine_3d(X_CO, &pairs, 1.0 / self.focal_px);
+        self.pairs = pairs;
+        refined.ok().map(|refined| (refined.X_CO, refined.rms * self.focal_px))
+    }
+}
