@@ -15,7 +15,7 @@ use crate::messages::{DriveCommandMsg, DriveStateMsg, RobotState, drive_flag};
 use crate::rt::{ClockEstimate, tell};
 use crate::time::{MonoNs, SpanNs};
 use std::time::Duration;
-use vservo_ur::arm::{ArmState, Recovered};
+use vservo_ur::arm::{ArmState, CommandKind, Recovered};
 use vservo_ur::program::state as program_state;
 use vservo_ur::{Arm, ArmSettings, Command, JOINTS, Payload, RobotMode, SafetyMode, UrError};
 
@@ -71,6 +71,7 @@ impl RobotArm for UrArm<'_> {
         DriveProperties {
             period: Some(SpanNs::from_s(1.0 / self.arm.rate_hz())),
             watchdog: Some(SpanNs::from_s(watchdog.as_secs_f64())),
+            lag: Some(SpanNs::from_s(self.arm.lag_s(kind(mode)))),
             effort_rate: Vec::new(),
         }
     }
@@ -179,6 +180,15 @@ pub fn run(
         Ok((UrArm { arm, enable, joining, weights: Weights::default() }, about))
     };
     drive_robot::run(connect, joining, stop)
+}
+
+/// What it is commanded in a mode.
+fn kind(mode: u32) -> CommandKind {
+    match mode {
+        mode if mode == CommandMode::Torque as u32 => CommandKind::Torque,
+        mode if mode == CommandMode::Velocity as u32 => CommandKind::Velocity,
+        _ => CommandKind::Position,
+    }
 }
 
 /// The limits that the commands of the run keep, which are those for late ones too, rad/s2; none without a run file, as of a control that was started by hand.

@@ -8,10 +8,11 @@
 
 mod readiness;
 mod recovery;
+mod slider;
 mod state;
 
 pub use recovery::Recovered;
-pub use state::{ArmSettings, ArmState, Command};
+pub use state::{ArmSettings, ArmState, Command, CommandKind};
 
 use crate::dashboard::Dashboard;
 use crate::primary::{ControllerMessage, ListenerNotice, MessageListener};
@@ -21,6 +22,7 @@ use crate::rtde::{DataType, Recipe, RtdeClient, RtdeSettings, nanoseconds};
 use crate::{Clock, Joints, UrError};
 use crate::{ClockEstimate, ClockMap};
 use recovery::{Halt, send_program};
+use slider::SliderWatch;
 use state::{Places, Registers, plausible, read};
 use std::time::Duration;
 
@@ -53,8 +55,7 @@ pub struct Arm {
     gaps: u64,
     /// Whether the program runs.
     started: bool,
-    /// Whether the speed slider was told to slow it.
-    slows: bool,
+    slider: SliderWatch,
     /// What stopped it, until it was started again.
     halt: Option<Halt>,
 }
@@ -110,7 +111,7 @@ impl Arm {
             standing: 0,
             gaps: 0,
             started: false,
-            slows: false,
+            slider: SliderWatch::default(),
             halt: None,
         };
         // What the registers hold of another session must not be there when a program of that session should still run.
@@ -197,6 +198,13 @@ impl Arm {
         self.rate_hz
     }
 
+    /// By how much the arm is behind what it is commanded, s: `servoj`'s lag, the cycle of the robot in which a command is obeyed, and half of the time for which one stands.
+    #[must_use]
+    pub fn lag_s(&self, kind: CommandKind) -> f64 {
+        let servoj = if kind == CommandKind::Position { self.program.servoj_lag_s() } else { 0.0 };
+        servoj + 1.0 / self.series.rate_hz() + 1.0 / self.rate_hz
+    }
+
     /// The newest state.
     #[must_use]
     pub fn last(&self) -> Option<&ArmState> {
@@ -221,19 +229,8 @@ impl Arm {
 
     /// What is newly to be told of the speed slider while the program runs: the arm lags behind what it is commanded where that is below 100 %.
     pub fn slider_notice(&mut self) -> Option<String> {
-        let slider = self.last.filter(|_| self.started)?.slider;
-        let slows = slider < readiness::SLIDER;
-        if std::mem::replace(&mut self.slows, slows) == slows {
-            return None;
-        }
-        Some(if slows {
-            format!(
-                "the speed slider of the pendant stands at {:.0} % now: the robot slows what it is commanded, so that the arm lags, as one does that something touches; set it to 100 %",
-                100.0 * slider
-            )
-        } else {
-            "the speed slider of the pendant stands at 100 % again".into()
-        })
+        let state = self.last.filter(|_| self.started)?;
+        self.slider.note(state.slider, state.robot_s)
     }
 
     /// What is known of the controller's clock.

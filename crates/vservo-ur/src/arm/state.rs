@@ -80,6 +80,17 @@ impl ArmSettings {
     }
 }
 
+/// Ways to move the arm.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CommandKind {
+    /// `servoj`.
+    Position,
+    /// `speedj`.
+    Velocity,
+    /// `direct_torque`.
+    Torque,
+}
+
 /// What the arm shall do until the next command.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Command {
@@ -133,7 +144,7 @@ impl Command {
 /// What goes into the registers of a command.
 pub(super) struct Registers {
     pub(super) code: i32,
-    /// Cycles of the robot that the numbers are older than its newest state.
+    /// Cycles of the robot by which the numbers are older than its newest state, or younger where that is below zero.
     pub(super) older: i32,
     /// q or torques, qd, qdd.
     pub(super) values: [Joints; 3],
@@ -169,9 +180,9 @@ impl Command {
 fn carried(at: Option<i64>, now: i64, cycle_s: f64) -> (f64, i32) {
     let Some(at) = at else { return (0.0, 0) };
     let (age_s, most_s) = ((now - at) as f64 * 1e-9, CARRIED_NS as f64 * 1e-9);
-    // Of a command from days ago nothing is left to be carried on.
-    let older = ((age_s - most_s) / cycle_s).ceil().clamp(0.0, 1e6);
-    ((age_s - older * cycle_s).clamp(-most_s, most_s), older as i32)
+    // States that a network holds up are older than the command is. Of a command from days ago nothing is left to be carried on.
+    let whole = ((age_s.abs() - most_s) / cycle_s).ceil().clamp(0.0, 1e6).copysign(age_s);
+    ((age_s - whole * cycle_s).clamp(-most_s, most_s), whole as i32)
 }
 
 /// A state of the robot.
