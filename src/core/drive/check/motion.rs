@@ -263,12 +263,11 @@ pub(super) fn following(log: &DriveLog, findings: &mut TrialFindings) {
     let middle = lags.get(lags.len() / 2).copied().unwrap_or(0);
     let told = log.told();
     let told_ms = told.lag.map(|lag| lag.as_s() * 1e3);
-    if let (Some(told_ms), [_, _, _, of_lag, _]) = (told_ms.filter(|_| !lags.is_empty()), &mut broken) {
-        if !told.agrees_with_lag(middle as f64) {
-            let words =
-                || format!("the drive tells a lag of {told_ms:.0} ms (`lag_ms`), and lags by {middle}");
-            of_lag.get_or_insert_with(words);
-        }
+    if let (Some(told_ms), [_, _, _, of_lag, _]) = (told_ms.filter(|_| !lags.is_empty()), &mut broken)
+        && !told.agrees_with_lag(middle as f64)
+    {
+        let words = || format!("the drive tells a lag of {told_ms:.0} ms (`lag_ms`), and lags by {middle}");
+        of_lag.get_or_insert_with(words);
     }
     let says = match told_ms {
         Some(told_ms) => format!("the drive tells {told_ms:.0}"),
