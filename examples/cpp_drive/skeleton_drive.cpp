@@ -24,6 +24,8 @@ namespace {
 constexpr int64_t kCycleNs = 1000000;
 // Without a command for so long, control is no more: a hundred of its ticks, as the drives that come with vservo have it.
 constexpr int64_t kSilenceNs = 100000000;
+// By how much the arm is behind its commands: `vservo drive check` measures it.
+constexpr int64_t kLagNs = 0;
 // The arm counts as standing below this speed, rad/s or m/s: less than a reading of a usual encoder tells in a cycle.
 constexpr double kRest = 1e-4;
 // The longest time for braking: four times what this arm takes from 10 rad/s.
@@ -93,7 +95,7 @@ private:
         robot_.hold();
         // Before the answer, which control takes with what came before it.
         checked(vservo_drive_send_joint_names(vservo_, names_.data(), joints(), nullptr, nullptr));
-        checked(vservo_drive_send_properties(vservo_, kCycleNs, kSilenceNs, nullptr, 0)); // in mode torque with the robot's limits of torque rates
+        checked(vservo_drive_send_properties(vservo_, kCycleNs, kSilenceNs, kLagNs, nullptr, 0)); // in mode torque with the robot's limits of torque rates
         robot_.next_state(vservo_drive_now_ns()); // no two states have the same stamp
         checked(send(0, VSERVO_DRIVE_FLAG_INITIAL));
     }

@@ -37,10 +37,10 @@ def joint_names(names):
 
 
 def properties(by_the_clock):
-    """How often states come, and after how long without a command the arm is stopped; in lockstep it waits for each. Motors that take torques at limited rates
+    """How often states come, after how long without a command the arm is stopped, and that it obeys at once; in lockstep it waits for each. Motors that take torques at limited rates
     would add `effort_rate` and N m/s for each joint."""
     watchdog = [f"watchdog_ms {BRAKE_NS / 1e6:g}"] if by_the_clock else []
-    return lines_of(TextKind.PROPERTIES, [f"period_ms {TICK_NS / 1e6:g}", *watchdog])
+    return lines_of(TextKind.PROPERTIES, [f"period_ms {TICK_NS / 1e6:g}", "lag_ms 0", *watchdog])
 
 
 class Arm:

@@ -35,6 +35,9 @@ pub struct DriveUrCli {
     /// First RTDE register that is used: 24, or 0 where another program has those
     #[arg(long, default_value_t = 24, value_parser = registers)]
     pub registers: u8,
+    /// States and commands in a second: 500, 250 or 125; as many as the robot has cycles where it is left out
+    #[arg(long, value_name = "HZ", value_parser = rate)]
+    pub rate_hz: Option<f64>,
     /// `lookahead_time` of servoj, s (position mode): 0.03 to 0.2
     #[arg(long, value_name = "S", default_value_t = 0.03, value_parser = |s: &str| within(s, 0.03, 0.2))]
     pub lookahead_s: f64,
@@ -82,6 +85,12 @@ fn registers(text: &str) -> Result<u8, String> {
         "24" => Ok(24),
         _ => Err("must be 0 or 24".into()),
     }
+}
+
+/// Rates that are whole parts of an e-Series' one.
+fn rate(text: &str) -> Result<f64, String> {
+    let rate = ["500", "250", "125"].into_iter().find(|rate| *rate == text);
+    rate.and_then(|rate| rate.parse().ok()).ok_or_else(|| "must be 500, 250 or 125".into())
 }
 
 /// A number within bounds, which are those of the maker's documentation or of what an arm can do.
@@ -156,6 +165,7 @@ fn drive(cli: &DriveUrCli) -> Result<u8, ProcessError> {
     let stop = StopFlag::on_signals()?;
     let mut settings = ArmSettings::new(cli.host, || now().0);
     settings.registers = cli.registers;
+    settings.rate_hz = cli.rate_hz;
     settings.lookahead_s = cli.lookahead_s;
     settings.gain = cli.gain;
     settings.stop_deceleration_rad_s2 = cli.stop_rad_s2;

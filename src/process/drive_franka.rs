@@ -22,6 +22,9 @@ use vservo_franka::{Arm, ArmSettings, Command, CommandKind, JOINTS, RobotMode, f
 pub const JOINT_NAMES: [&str; JOINTS] =
     ["joint1", "joint2", "joint3", "joint4", "joint5", "joint6", "joint7"];
 
+/// By how much an arm is behind velocities, which pass a low-pass and limits here. Measured by `vservo drive check` before the emulator; behind positions, which are carried on to the robot's time, it is none.
+const VELOCITY_LAG: SpanNs = SpanNs(3 * TICK.0);
+
 /// An arm, and what torques hold of its weight.
 struct FrankaArm<'a> {
     arm: Arm,
@@ -57,11 +60,12 @@ impl RobotArm for FrankaArm<'_> {
         self.arm.clock()
     }
 
-    fn properties(&self, _: u32) -> DriveProperties {
+    fn properties(&self, mode: u32) -> DriveProperties {
         DriveProperties {
             period: Some(TICK),
             // Cycles in a row without a command that end a motion, by the maker's documentation.
             watchdog: Some(SpanNs(20 * TICK.0)),
+            lag: Some(if mode == CommandMode::Velocity as u32 { VELOCITY_LAG } else { SpanNs::ZERO }),
             effort_rate: vec![vservo_franka::MAX_TORQUE_RATE; JOINTS],
         }
     }
@@ -123,13 +127,14 @@ impl RobotArm for FrankaArm<'_> {
     }
 
     fn of_message(&self, message: &DriveCommandMsg) -> Command {
+        let (qd, qdd, at) = (joints(&message.qd_r), joints(&message.qdd_r), Some(message.stamp.0));
         match (message.mode, self.arm.last()) {
             (mode, Some(state)) if mode == CommandMode::Torque as u32 => {
                 Command::Torque(self.weights.without(message, &state.q))
             }
-            (mode, ..) if mode == CommandMode::Velocity as u32 => Command::Velocity(joints(&message.qd_r)),
+            (mode, ..) if mode == CommandMode::Velocity as u32 => Command::Velocity { qd, qdd, at },
             (mode, ..) if mode == CommandMode::Position as u32 => {
-                Command::Position { q: joints(&message.q_r), qd: joints(&message.qd_r), at: message.stamp.0 }
+                Command::Position { q: joints(&message.q_r), qd, qdd, at }
             }
             // Control asks for no mode that the first state does not name.
             _ => Command::Hold,

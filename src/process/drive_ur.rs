@@ -8,12 +8,14 @@ use super::drive_payload::moments;
 use super::drive_robot::{self, DriveJoining, RobotArm, joints};
 use super::drive_weights::Weights;
 use super::{ProcessError, StopFlag};
+use crate::config::Config;
 use crate::drive::{CommandMode, DriveProperties};
+use crate::ipc::Instance;
 use crate::messages::{DriveCommandMsg, DriveStateMsg, RobotState, drive_flag};
 use crate::rt::{ClockEstimate, tell};
 use crate::time::{MonoNs, SpanNs};
 use std::time::Duration;
-use vservo_ur::arm::{ArmState, Recovered};
+use vservo_ur::arm::{ArmState, CommandKind, Recovered};
 use vservo_ur::program::state as program_state;
 use vservo_ur::{Arm, ArmSettings, Command, JOINTS, Payload, RobotMode, SafetyMode, UrError};
 
@@ -67,8 +69,9 @@ impl RobotArm for UrArm<'_> {
         let ArmSettings { watchdog, torque_watchdog, .. } = *self.arm.settings();
         let watchdog = if mode == CommandMode::Torque as u32 { torque_watchdog } else { watchdog };
         DriveProperties {
-            period: Some(SpanNs::from_s(1.0 / self.arm.series().rate_hz())),
+            period: Some(SpanNs::from_s(1.0 / self.arm.rate_hz())),
             watchdog: Some(SpanNs::from_s(watchdog.as_secs_f64())),
+            lag: Some(SpanNs::from_s(self.arm.lag_s(kind(mode)))),
             effort_rate: Vec::new(),
         }
     }
@@ -79,6 +82,9 @@ impl RobotArm for UrArm<'_> {
             self.weights = Weights::of_run(&self.joining.instance)?;
         }
         let DriveJoining { instance, payload, .. } = self.joining;
+        if let Some(limits) = accelerations_of_run(instance)? {
+            self.arm.set_acceleration(limits);
+        }
         let body = payload.of_run(Self::PROGRAM, instance)?;
         self.arm.set_payload(body.map(|body| Payload {
             mass_kg: body.mass,
@@ -129,7 +135,7 @@ impl RobotArm for UrArm<'_> {
     }
 
     fn of_message(&self, message: &DriveCommandMsg) -> Command {
-        let (qd, qdd, at) = (joints(&message.qd_r), joints(&message.qdd_r), message.stamp.0);
+        let (qd, qdd, at) = (joints(&message.qd_r), joints(&message.qdd_r), Some(message.stamp.0));
         match (message.mode, self.arm.last()) {
             (mode, Some(state)) if mode == CommandMode::Torque as u32 => Command::Torque {
                 tau: self.weights.without(message, &state.q),
@@ -169,11 +175,29 @@ pub fn run(
 ) -> Result<u8, ProcessError> {
     let connect = || {
         let arm = Arm::connect(settings)?;
-        let (host, version, rate_hz) = (settings.host, arm.version(), arm.series().rate_hz());
+        let (host, version, rate_hz) = (settings.host, arm.version(), arm.rate_hz());
         let about = format!("robot at {host}, software {version}, {rate_hz:.0} Hz");
         Ok((UrArm { arm, enable, joining, weights: Weights::default() }, about))
     };
     drive_robot::run(connect, joining, stop)
+}
+
+/// What it is commanded in a mode.
+fn kind(mode: u32) -> CommandKind {
+    match mode {
+        mode if mode == CommandMode::Torque as u32 => CommandKind::Torque,
+        mode if mode == CommandMode::Velocity as u32 => CommandKind::Velocity,
+        _ => CommandKind::Position,
+    }
+}
+
+/// The limits that the commands of the run keep, which are those for late ones too, rad/s2; none without a run file, as of a control that was started by hand.
+fn accelerations_of_run(instance: &Instance) -> Result<Option<[f64; JOINTS]>, ProcessError> {
+    let path = instance.config_path();
+    if !path.exists() {
+        return Ok(None);
+    }
+    Ok(Config::load(Some(&path), &[])?.motion.max_acceleration.try_into().ok())
 }
 
 /// What the robot is beside its joints.

@@ -39,6 +39,7 @@ const OPTIONAL: &str = "
     servo.adaptive_gain = {}
     servo.points = [1, 2, 3, 4]
     servo.segments = [[1, 2]]
+    servo.lead_ms = 10.0
     servo.outline = [1, 2, 3]
     servo.weights = [1.0, 1.0, 1.0, 1.0, 1.0]
     servo.set_point.features = [[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]]
@@ -57,6 +58,7 @@ const OPTIONAL: &str = "
     { kind = 'jump', from_s = 0.01, duration_s = 0.02, probability = 0.5, size_px = 2.0 }, { kind = 'corrupt', share = 0.1 }, \
     { kind = 'encoder_offset', size_rad_or_m = 0.001, joint = 0 }]
     safety.guardian_timeout_ms = 100.0
+    safety.max_tracking_error_rad_or_m = 0.1
     realtime.cpu = 0
     realtime.spin_us = 50.0
 ";

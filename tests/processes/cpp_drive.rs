@@ -61,7 +61,7 @@ fn the_header_for_drives_compiles_in_c_and_in_cpp() {
         if (vservo_drive_wait(drive, 1000000) == 1 && vservo_drive_receive(drive, &command) == 1\n\
             && vservo_drive_is_valid_command(&command, 2) && !vservo_drive_is_stopped_by_guardian(drive))\n\
             vservo_drive_send_joint_names(drive, names, 2, signs, NULL);\n\
-        vservo_drive_send_properties(drive, 1000000, 100000000, signs, 2);\n\
+        vservo_drive_send_properties(drive, 1000000, 100000000, 0, signs, 2);\n\
         vservo_drive_send_robot_text(drive, VSERVO_ROBOT_STATE_READY, 0, vservo_drive_config_path(drive));\n\
         return vservo_drive_send(drive, &state) + vservo_drive_close(drive); }\n";
     let (c, cpp) = (folder.path().join("used.c"), folder.path().join("used.cpp"));

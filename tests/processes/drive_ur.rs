@@ -22,7 +22,7 @@ use vservo_ur::{Joints, Payload, RuntimeState, SafetyMode, Series};
 const START: Joints = [0.4617, -1.7204, 1.4481, -1.2809, -1.8176, 0.9664];
 
 /// A controller on a loopback address that no other test of this machine has.
-fn robot(series: Series) -> Emulator {
+pub(crate) fn robot(series: Series) -> Emulator {
     static COUNT: AtomicU8 = AtomicU8::new(1);
     let [_, _, b, c] = std::process::id().to_be_bytes();
     let address = Ipv4Addr::new(127, 210 + b % 40, c, COUNT.fetch_add(1, Ordering::Relaxed)).into();
@@ -31,7 +31,7 @@ fn robot(series: Series) -> Emulator {
     with_priority(ROBOT_PRIORITY, || Emulator::start(settings)).unwrap()
 }
 
-fn command(host: IpAddr, more: &[&str]) -> String {
+pub(crate) fn command(host: IpAddr, more: &[&str]) -> String {
     let host = host.to_string();
     // A loaded machine may keep everybody waiting, which is nothing to these tests.
     let own = [
@@ -49,11 +49,11 @@ fn command(host: IpAddr, more: &[&str]) -> String {
 }
 
 /// Of a drive and of a control that a busy machine keeps back, too.
-const PATIENT: [&str; 4] =
+pub(crate) const PATIENT: [&str; 4] =
     ["--set", "safety.drive_timeout_ms=1000", "--set", "safety.guardian_timeout_ms=1000"];
 
 /// A run with this robot, to its end.
-fn run_with(test: &str, robot: &Emulator, extra: &[&str]) -> Run {
+pub(crate) fn run_with(test: &str, robot: &Emulator, extra: &[&str]) -> Run {
     let command = command(robot.address(), &[]);
     run(test, &[&["config/ur5e-emulated.toml", "--set", &command], &PATIENT[..], extra].concat())
 }
@@ -80,15 +80,13 @@ fn moves(robot: &Emulator) -> bool {
 
 #[test]
 fn both_series_and_modes_converge_in_real_time() {
-    for (series, mode, lead) in [
-        (Series::ESeries, "position", "38"),
-        (Series::ESeries, "velocity", "6"),
-        (Series::Cb3, "position", "50"),
-    ] {
-        let (mode, lead) = (format!("drive.mode={mode}"), format!("servo.lead_ms={lead}"));
+    for (series, mode) in
+        [(Series::ESeries, "position"), (Series::ESeries, "velocity"), (Series::Cb3, "position")]
+    {
+        let mode = format!("drive.mode={mode}");
         let goes = || {
             let robot = robot(series);
-            let run = run_with("urgoes", &robot, &["--set", &mode, "--set", &lead]);
+            let run = run_with("urgoes", &robot, &["--set", &mode]);
             (robot, run)
         };
         // A controller that a busy machine starves stops the arm, as a robot's would: such a run is begun again.
@@ -179,7 +177,7 @@ fn torques_move_the_run_files_own_arm_to_its_goal() {
                 .unwrap();
             wait_until("an emulator", || std::net::TcpStream::connect((host, 30_004)).is_ok());
             let contains = format!("drive.torque_contains={contains}");
-            let set = ["--set", "drive.mode=torque", "--set", &contains, "--set", "servo.lead_ms=6"];
+            let set = ["--set", "drive.mode=torque", "--set", &contains];
             let command = command(host, &[]);
             let run = run(
                 "urtorque",

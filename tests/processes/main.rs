@@ -19,6 +19,7 @@ mod cpp_drive;
 mod detect_and_print;
 #[path = "../common/drive.rs"]
 mod drive;
+mod drive_acceptance;
 mod drive_check;
 mod drive_franka;
 mod drive_imperfections;

@@ -68,9 +68,10 @@ int32_t vservo_drive_send_joint_names(vservo_drive *drive, const char *const *na
                                       const double *zero_offsets);
 
 /* Tells what the drive is, with each START, before the state with INITIAL: the time from one state to the next, and after how long without a command it stops the arm;
- * 0 where that is not told. `effort_rates` (N m/s or N/s, of so many joints) says how quickly torques may rise, in mode torque; NULL where that is not told. Control refuses a
+ * 0 where that is not told; by how much the arm is behind its commands, below 0 where that is not told. `effort_rates` (N m/s or N/s, of so many joints) says how quickly torques may rise, in mode torque; NULL where that is not told. Control refuses a
  * drive that cannot miss two commands. 0 when it was sent, or nobody listens. */
-int32_t vservo_drive_send_properties(vservo_drive *drive, int64_t period_ns, int64_t watchdog_ns, const double *effort_rates, uint32_t joints);
+int32_t vservo_drive_send_properties(vservo_drive *drive, int64_t period_ns, int64_t watchdog_ns, int64_t lag_ns, const double *effort_rates,
+                                     uint32_t joints);
 
 /* Tells in the maker's words what the robot is, before the state that shows it; "" when that is over. What is no UTF-8 is replaced, what is longer than 511 bytes
  * cut. */

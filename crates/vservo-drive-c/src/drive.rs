@@ -202,6 +202,7 @@ impl DrivePorts {
         &mut self,
         period_ns: i64,
         watchdog_ns: i64,
+        lag_ns: i64,
         effort_rates: &[f64],
     ) -> Result<(), Failure> {
         if period_ns < 0 || watchdog_ns < 0 {
@@ -212,7 +213,9 @@ impl DrivePorts {
         }
         let told = |ns: i64| (ns > 0).then_some(SpanNs(ns));
         let (period, watchdog) = (told(period_ns), told(watchdog_ns));
-        let properties = DriveProperties { period, watchdog, effort_rate: effort_rates.to_vec() };
+        // An arm without a lag is told, too.
+        let lag = (lag_ns >= 0).then_some(SpanNs(lag_ns));
+        let properties = DriveProperties { period, watchdog, lag, effort_rate: effort_rates.to_vec() };
         let lines = properties.to_string();
         if lines.len() >= DRIVE_TEXT_BYTES {
             return Err(Failure::value(format!(

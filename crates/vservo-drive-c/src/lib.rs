@@ -235,6 +235,7 @@ pub unsafe extern "C" fn vservo_drive_send_properties(
     drive: *mut DriveHandle,
     period_ns: i64,
     watchdog_ns: i64,
+    lag_ns: i64,
     effort_rates: *const f64,
     joints: u32,
 ) -> i32 {
@@ -248,7 +249,7 @@ pub unsafe extern "C" fn vservo_drive_send_properties(
             // SAFETY: it is not null, and the caller promises so many numbers; `n` was bounded.
             unsafe { slice::from_raw_parts(effort_rates, n) }
         };
-        drive.send_properties(period_ns, watchdog_ns, rates).map(|()| 0)
+        drive.send_properties(period_ns, watchdog_ns, lag_ns, rates).map(|()| 0)
     };
     // SAFETY: the caller promises what is needed there.
     unsafe { with_drive(drive, send) }

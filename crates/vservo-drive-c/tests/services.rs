@@ -86,10 +86,12 @@ impl Pair {
         unsafe { vservo_drive_send_joint_names(self.drive, pointers.as_ptr(), n, signs, offsets) }
     }
 
-    fn properties(&self, period_ns: i64, watchdog_ns: i64, rates: &[f64]) -> i32 {
+    fn properties(&self, period_ns: i64, watchdog_ns: i64, lag_ns: i64, rates: &[f64]) -> i32 {
         let list = if rates.is_empty() { null() } else { rates.as_ptr() };
         // SAFETY: a handle that is open; numbers are null, or as many as are told.
-        unsafe { vservo_drive_send_properties(self.drive, period_ns, watchdog_ns, list, rates.len() as u32) }
+        unsafe {
+            vservo_drive_send_properties(self.drive, period_ns, watchdog_ns, lag_ns, list, rates.len() as u32)
+        }
     }
 
     fn words(&self, state: u32, words: &[u8]) -> i32 {
@@ -200,17 +202,20 @@ fn properties_arrive_as_control_reads_them() {
         assert_eq!(text.kind, text_kind::PROPERTIES);
         DriveProperties::parse(&text.text()).unwrap()
     };
-    assert_eq!(pair.properties(2_000_000, 100_000_000, &[1000.0, 12.5]), 0, "{}", last_error());
+    assert_eq!(pair.properties(2_000_000, 100_000_000, 38_000_000, &[1000.0, 12.5]), 0, "{}", last_error());
     let span = |ns| Some(SpanNs(ns));
     let (period, watchdog) = (span(2_000_000), span(100_000_000));
-    assert_eq!(told(), DriveProperties { period, watchdog, effort_rate: vec![1000.0, 12.5] });
-    assert_eq!(pair.properties(0, 20_000_000, &[]), 0, "{}", last_error());
+    let lag = span(38_000_000);
+    assert_eq!(told(), DriveProperties { period, watchdog, lag, effort_rate: vec![1000.0, 12.5] });
+    assert_eq!(pair.properties(0, 20_000_000, -1, &[]), 0, "{}", last_error());
     assert_eq!(told(), DriveProperties { watchdog: span(20_000_000), ..DriveProperties::default() });
+    assert_eq!(pair.properties(0, 0, 0, &[]), 0, "{}", last_error());
+    assert_eq!(told(), DriveProperties { lag: span(0), ..DriveProperties::default() });
     for (period, watchdog, rate) in [(-1, 0, 1.0), (0, -1, 1.0), (0, 0, 0.0), (0, 0, f64::NAN)] {
-        assert_eq!(pair.properties(period, watchdog, &[rate]), VALUE, "{period} {watchdog} {rate}");
+        assert_eq!(pair.properties(period, watchdog, 0, &[rate]), VALUE, "{period} {watchdog} {rate}");
     }
-    assert_eq!(pair.properties(0, 0, &[1.0; MAX_JOINTS + 1]), ARGUMENT);
-    assert_eq!(pair.properties(1_000_000, 0, &[f64::MAX; MAX_JOINTS]), VALUE, "more than a text holds");
+    assert_eq!(pair.properties(0, 0, 0, &[1.0; MAX_JOINTS + 1]), ARGUMENT);
+    assert_eq!(pair.properties(1_000_000, 0, 0, &[f64::MAX; MAX_JOINTS]), VALUE, "more than a text holds");
     assert!(pair.texts.receive().unwrap().is_none());
 }
 
@@ -281,7 +286,7 @@ fn null_in_place_of_anything_is_an_error_and_no_crash() {
             (vservo_drive_send_joint_names(pair.drive, &null(), 1, null(), null()), "a name that is none"),
             (vservo_drive_send_robot_text(none, 1, 0, text), "words"),
             (vservo_drive_send_robot_text(pair.drive, 1, 0, null()), "no words"),
-            (vservo_drive_send_properties(none, 0, 0, null(), 0), "properties"),
+            (vservo_drive_send_properties(none, 0, 0, 0, null(), 0), "properties"),
             (vservo_drive_is_stopped_by_guardian(none), "guardian"),
             (vservo_drive_leave_reason(text, null()), "no reason"),
             (vservo_drive_leave_reason(c"not a/name".as_ptr(), text), "no instance"),

@@ -15,7 +15,7 @@ use vservo_franka::{Arm, Command, CommandKind, FrankaError, RobotMode};
 fn swing(t: f64, _: &Arm) -> Command {
     let mut qd = [0.0; 7];
     qd[0] = 0.4 * (1.0 - (-t / 0.1).exp());
-    Command::Velocity(qd)
+    Command::keep(qd)
 }
 
 #[test]
@@ -48,7 +48,7 @@ fn positions_are_followed_with_the_stated_lag() {
         (q[1], qd[1]) = (Q[1] + turn(t), speed(t));
         sum += speed(t) * (q[1] - state.q[1]);
         weight += speed(t) * speed(t);
-        Command::Position { q, qd, at: state.stamp }
+        Command::Position { q, qd, qdd: [0.0; 7], at: Some(state.stamp) }
     })
     .unwrap();
     let lag_s = sum / weight;
@@ -295,14 +295,14 @@ fn commands_that_are_none_or_jump_do_not_stop_the_arm() {
     for kind in [CommandKind::Position, CommandKind::Velocity, CommandKind::Torque] {
         let robot = robot();
         let mut arm = started(settings(&robot), kind).unwrap();
-        drive(&mut arm, 0.1, |_, _| Command::Velocity([f64::NAN; 7])).unwrap();
-        drive(&mut arm, 0.1, |_, _| Command::Position { q: [f64::NAN; 7], qd: [0.0; 7], at: 0 }).unwrap();
+        drive(&mut arm, 0.1, |_, _| Command::keep([f64::NAN; 7])).unwrap();
+        drive(&mut arm, 0.1, |_, _| Command::stand_at([f64::NAN; 7])).unwrap();
         drive(&mut arm, 0.1, |_, _| Command::Torque([f64::INFINITY; 7])).unwrap();
         assert!(robot.arm().0.iter().zip(&Q).all(|(a, b)| (a - b).abs() < 1e-3));
         let mut far = Q;
         far[0] += 0.4;
         far[3] -= 0.1;
-        drive(&mut arm, 1.5, |_, _| Command::Position { q: far, qd: [0.0; 7], at: 0 }).unwrap();
+        drive(&mut arm, 1.5, |_, _| Command::stand_at(far)).unwrap();
         let off = robot.arm().0.iter().zip(&far).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         assert!(off < 2e-3, "{kind:?}: {off} rad");
         arm.come_to_rest().unwrap();

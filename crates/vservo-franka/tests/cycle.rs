@@ -19,10 +19,10 @@ fn a_cycle_allocates_nothing() {
         let mut arm = started(settings(&robot), kind).unwrap();
         let commands = [
             Command::Hold,
-            Command::Position { q: Q, qd: [0.0; 7], at: 0 },
-            Command::Velocity([0.1; 7]),
+            Command::stand_at(Q),
+            Command::keep([0.1; 7]),
             Command::Torque([0.5; 7]),
-            Command::Velocity([f64::NAN; 7]),
+            Command::keep([f64::NAN; 7]),
         ];
         for k in 0..200 {
             let command = commands[k / 8 % commands.len()];

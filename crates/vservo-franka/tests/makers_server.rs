@@ -164,7 +164,7 @@ fn the_driver_moves_the_arm_that_the_maker_plays() {
         let gaps = arm.missed().0;
         let mut far = Q;
         (far[1], far[6]) = (Q[1] + 0.3, Q[6] - 0.2);
-        let far = Command::Position { q: far, qd: [0.0; 7], at: 0 };
+        let far = Command::stand_at(far);
         let mut states: Vec<ArmState> = vec![*arm.last().unwrap()];
         drive(&mut arm, 1500, |k| command.map_or(far, |c| c(k)), |state| states.push(*state)).unwrap();
         rest(&mut arm);
@@ -225,7 +225,7 @@ fn the_fastest_motion_is_within_the_makers_limits() {
     for wish in [9.0, -9.0] {
         let Some(server) = mock(&[]) else { return };
         let mut arm = started(server.settings(), CommandKind::Velocity).unwrap();
-        drive(&mut arm, 3000, |_| Command::Velocity([wish; 7]), |_| ()).unwrap();
+        drive(&mut arm, 3000, |_| Command::keep([wish; 7]), |_| ()).unwrap();
         rest(&mut arm);
         drop(arm);
         let log = server.end();
@@ -244,7 +244,7 @@ fn the_driver_keeps_up_with_a_thousand_states_a_second() {
     let (first, begin, before) = (*arm.last().unwrap(), clock(), arm.missed().0);
     let mut far = Q;
     far[1] += 0.3;
-    drive(&mut arm, 2000, |_| Command::Position { q: far, qd: [0.0; 7], at: 0 }, |_| ()).unwrap();
+    drive(&mut arm, 2000, |_| Command::stand_at(far), |_| ()).unwrap();
     let (end, took) = (*arm.last().unwrap(), (clock() - begin) as f64 * 1e-9);
     assert!((end.q[1] - far[1]).abs() < 1e-3, "{}", end.q[1]);
     rest(&mut arm);

@@ -8,20 +8,22 @@
 
 mod readiness;
 mod recovery;
+mod slider;
 mod state;
 
 pub use recovery::Recovered;
-pub use state::{ArmSettings, ArmState, Command};
+pub use state::{ArmSettings, ArmState, Command, CommandKind};
 
 use crate::dashboard::Dashboard;
 use crate::primary::{ControllerMessage, ListenerNotice, MessageListener};
 use crate::program::{Payload, ProgramSettings, command, state as program_state};
 use crate::robot::{RobotMode, RuntimeState, Series, Version};
 use crate::rtde::{DataType, Recipe, RtdeClient, RtdeSettings, nanoseconds};
-use crate::{Clock, JOINTS, UrError};
+use crate::{Clock, Joints, UrError};
 use crate::{ClockEstimate, ClockMap};
 use recovery::{Halt, send_program};
-use state::{Places, plausible, read};
+use slider::SliderWatch;
+use state::{Places, Registers, plausible, read};
 use std::time::Duration;
 
 /// States in a row whose time does not go on before that is a fault. Chosen by hand: 20 ms at 500 Hz.
@@ -29,15 +31,14 @@ const STANDING: u32 = 10;
 /// Longest wait for rest. Chosen by hand: 3 rad/s at the 4 rad/s2 of `stopj` take 0.8 s.
 const REST: Duration = Duration::from_secs(3);
 
-/// A command that is farther away in time than this is not carried on any farther, ns. Chosen by hand: five cycles of 500 Hz, in which a joint at 2 rad/s turns by 0.02 rad.
-const CARRIED_NS: i64 = 10_000_000;
-
 /// A robot.
 #[derive(Debug)]
 pub struct Arm {
     settings: ArmSettings,
     rtde: RtdeClient,
     series: Series,
+    /// States in a second.
+    rate_hz: f64,
     outputs: Recipe,
     inputs: Recipe,
     places: Places,
@@ -47,13 +48,14 @@ pub struct Arm {
     messages: Option<MessageListener>,
     count: i32,
     last: Option<ArmState>,
+    /// The first one's time, s.
+    first_s: Option<f64>,
     standing: u32,
     /// States that were not there when they were due, by the controller's time.
     gaps: u64,
     /// Whether the program runs.
     started: bool,
-    /// Whether the speed slider was told to slow it.
-    slows: bool,
+    slider: SliderWatch,
     /// What stopped it, until it was started again.
     halt: Option<Halt>,
 }
@@ -72,6 +74,7 @@ impl Arm {
         if settings.registers >= 24 && !version.has_upper_registers() {
             return Err(UrError::TooOld { version });
         }
+        let rate_hz = settings.rate_hz.map_or(series.rate_hz(), |rate| rate.min(series.rate_hz()));
         let program = ProgramSettings {
             registers: settings.registers,
             series,
@@ -79,6 +82,7 @@ impl Arm {
             lookahead_s: settings.lookahead_s,
             gain: settings.gain,
             fastest_rad_s: settings.fastest_rad_s,
+            acceleration_rad_s2: settings.acceleration_rad_s2,
             speed_acceleration_rad_s2: settings.speed_acceleration_rad_s2,
             stop_deceleration_rad_s2: settings.stop_deceleration_rad_s2,
             watchdog: settings.watchdog,
@@ -87,13 +91,14 @@ impl Arm {
             takes_inertia: version.has_payload_inertia(),
             torques: version.torques(),
         };
-        let (outputs, places) = Self::set_up_outputs(&mut rtde, &program, series)?;
+        let (outputs, places) = Self::set_up_outputs(&mut rtde, &program, rate_hz)?;
         let inputs = rtde.set_up_inputs(&program.inputs())?;
         rtde.start()?;
         let mut arm = Self {
             settings,
             rtde,
             series,
+            rate_hz,
             outputs,
             inputs,
             places,
@@ -102,10 +107,11 @@ impl Arm {
             messages: MessageListener::start(settings.host).ok(),
             count: 0,
             last: None,
+            first_s: None,
             standing: 0,
             gaps: 0,
             started: false,
-            slows: false,
+            slider: SliderWatch::default(),
             halt: None,
         };
         // What the registers hold of another session must not be there when a program of that session should still run.
@@ -117,7 +123,7 @@ impl Arm {
     fn set_up_outputs(
         rtde: &mut RtdeClient,
         program: &ProgramSettings,
-        series: Series,
+        rate_hz: f64,
     ) -> Result<(Recipe, Places), UrError> {
         use DataType::{Double, Int32, Uint32, Vector6D};
         let names = [
@@ -133,7 +139,7 @@ impl Arm {
             (program.output(2), Int32),
         ];
         let asked: Vec<String> = names.iter().map(|(name, _)| name.clone()).collect();
-        let outputs = rtde.set_up_outputs(&asked, series.rate_hz())?;
+        let outputs = rtde.set_up_outputs(&asked, rate_hz)?;
         let mut found = [0; 10];
         let mut missing = Vec::new();
         for ((name, kind), place) in names.iter().zip(&mut found) {
@@ -160,6 +166,11 @@ impl Arm {
         self.program.payload = payload;
     }
 
+    /// Largest acceleration with which the program makes up for late commands when it starts the next time, rad/s2.
+    pub fn set_acceleration(&mut self, of_joints: Joints) {
+        self.program.acceleration_rad_s2 = of_joints;
+    }
+
     /// That the controller takes torques.
     ///
     /// # Errors
@@ -179,6 +190,19 @@ impl Arm {
     #[must_use]
     pub fn series(&self) -> Series {
         self.series
+    }
+
+    /// States in a second.
+    #[must_use]
+    pub fn rate_hz(&self) -> f64 {
+        self.rate_hz
+    }
+
+    /// By how much the arm is behind what it is commanded, s: `servoj`'s lag, the cycle of the robot in which a command is obeyed, and half of the time for which one stands.
+    #[must_use]
+    pub fn lag_s(&self, kind: CommandKind) -> f64 {
+        let servoj = if kind == CommandKind::Position { self.program.servoj_lag_s() } else { 0.0 };
+        servoj + 1.0 / self.series.rate_hz() + 1.0 / self.rate_hz
     }
 
     /// The newest state.
@@ -205,19 +229,8 @@ impl Arm {
 
     /// What is newly to be told of the speed slider while the program runs: the arm lags behind what it is commanded where that is below 100 %.
     pub fn slider_notice(&mut self) -> Option<String> {
-        let slider = self.last.filter(|_| self.started)?.slider;
-        let slows = slider < readiness::SLIDER;
-        if std::mem::replace(&mut self.slows, slows) == slows {
-            return None;
-        }
-        Some(if slows {
-            format!(
-                "the speed slider of the pendant stands at {:.0} % now: the robot slows what it is commanded, so that the arm lags, as one does that something touches; set it to 100 %",
-                100.0 * slider
-            )
-        } else {
-            "the speed slider of the pendant stands at 100 % again".into()
-        })
+        let state = self.last.filter(|_| self.started)?;
+        self.slider.note(state.slider, state.robot_s)
     }
 
     /// What is known of the controller's clock.
@@ -274,11 +287,12 @@ impl Arm {
                 return if self.standing < STANDING { Ok(None) } else { Err(UrError::TimeStands) };
             }
             let passed = state.robot_s - last.robot_s;
-            self.gaps += ((passed * self.series.rate_hz()).round() as u64).saturating_sub(1);
+            self.gaps += ((passed * self.rate_hz).round() as u64).saturating_sub(1);
             plausible(&last, &state, passed)?;
         }
         self.standing = 0;
         self.last = Some(state);
+        self.first_s = self.first_s.or(Some(state.robot_s));
         if let Some(halt) = &mut self.halt {
             halt.note(&state);
         }
@@ -323,37 +337,24 @@ impl Arm {
     /// When the connection is lost.
     pub fn command(&mut self, what: Command) -> Result<(), UrError> {
         self.count = self.count.wrapping_add(1).max(1);
-        let (code, values) = match what {
-            Command::Hold => (command::HOLD, [0.0; JOINTS]),
-            Command::Position { q, qd, qdd, at } => {
-                let t = self.age_s(at);
-                (command::POSITION, std::array::from_fn(|i| q[i] + t * (qd[i] + 0.5 * t * qdd[i])))
-            }
-            Command::Velocity { qd, qdd, at } => {
-                let t = self.age_s(at);
-                (command::VELOCITY, std::array::from_fn(|i| qd[i] + t * qdd[i]))
-            }
-            Command::Torque { tau, contain_friction: false } => (command::TORQUE, tau),
-            Command::Torque { tau, contain_friction: true } => (command::TORQUE_WITH_FRICTION, tau),
-            Command::End => (command::END, [0.0; JOINTS]),
-        };
+        let now = self.last.map_or(0, |state| state.stamp);
+        let Registers { code, older, values } = what.registers(now, 1.0 / self.series.rate_hz());
         // A number that is none moves no arm.
-        let code = if values.iter().all(|v| v.is_finite()) { code } else { command::HOLD };
+        let code = if values.as_flattened().iter().all(|v| v.is_finite()) { code } else { command::HOLD };
         let (count, session) = (self.count, self.program.session);
+        let cycle = self.cycle().wrapping_sub(older);
         self.rtde.send(&self.inputs, |writer| {
-            writer
-                .put(&code.to_be_bytes())
-                .put(&count.to_be_bytes())
-                .put(&session.to_be_bytes())
-                .joints(&values);
+            for int in [code, count, session, cycle] {
+                writer.put(&int.to_be_bytes());
+            }
+            values.iter().fold(writer, |writer, joints| writer.joints(joints));
         })
     }
 
-    /// How long after `at` the newest state was sampled, s. What is sent with each state is of its instant: the robot's cycles and the caller's drift against each
-    /// other, and the newest command is now one, now three of the caller's cycles on from the one before, which the robot would take for accelerations.
-    fn age_s(&self, at: i64) -> f64 {
-        let age = self.last.as_ref().map_or(0, |state| state.stamp - at);
-        age.clamp(-CARRIED_NS, CARRIED_NS) as f64 * 1e-9
+    /// The robot's cycle of the newest state, since the first one.
+    fn cycle(&self) -> i32 {
+        let since_s = self.last.map_or(0.0, |state| state.robot_s) - self.first_s.unwrap_or_default();
+        (since_s * self.series.rate_hz()).round() as i32
     }
 
     /// Brakes the arm, waits for its rest, and ends the program.

@@ -67,7 +67,7 @@ fn commands_are_carried_on_to_the_robots_cycle() {
         let (dq, qd, qdd) = course(at as f64 * 1e-9);
         let (mut q, mut v, mut a) = (Q, [0.0; 6], [0.0; 6]);
         (q[0], v[0], a[0]) = (Q[0] + dq, qd, qdd);
-        arm.command(Command::Position { q, qd: v, qdd: a, at: begin + at }).unwrap();
+        arm.command(Command::Position { q, qd: v, qdd: a, at: Some(begin + at) }).unwrap();
         velocities.push((state.robot_s, state.qd[0]));
     }
     arm.come_to_rest().unwrap();

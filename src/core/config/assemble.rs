@@ -32,7 +32,7 @@ mod vision;
 
 pub use cameras::{require_controllable, require_one_view};
 use cameras::{second_goal, second_servo, truth};
-pub use effort_rates::before_drive;
+pub use effort_rates::{before_drive, contradicted_lag};
 pub use stereo::{stereo_set_point, stereo_vision, taught_points, taught_view};
 use vision::measurement_faults;
 pub use vision::{carrier, target_set, vision};

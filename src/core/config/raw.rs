@@ -244,8 +244,8 @@ table! {
         drive_timeout_ms: f64 = 20.0,
         /// Real time: more missed deadlines in a row than this stop the arm and end the run.
         max_missed_deadlines_in_a_row: u32 = 100,
-        /// Distance of a joint from its reference at which the run ends as a fault, rad or m.
-        max_tracking_error_rad_or_m: f64 = 0.1,
+        /// Distance of a joint from its reference at which the run ends as a fault, rad or m; left out: 0.1, and what an external drive's lag is at the fastest joint's limit.
+        max_tracking_error_rad_or_m: Option<f64> = None,
         /// What is done when something touches the arm while it moves.
         contact: ContactReaction = ContactReaction::Stop,
         /// Share of the velocity limits with which the arm moves while its robot says that it is in reduced mode.

@@ -82,7 +82,7 @@ pub(super) fn servo(
     if s.depth == Depth::Known && !(raw.camera.source.is_simulated() && at_rest) {
         check.wrong("servo.depth", "`known` needs a simulated scene with targets at rest");
     }
-    let lead_ms = check.range("servo.lead_ms", s.lead_ms, 0.0..=500.0);
+    let lead_ms = s.lead_ms.map_or(0.0, |ms| check.range("servo.lead_ms", ms, 0.0..=500.0));
     let smooth = check.range("servo.smooth_start_1_s", s.smooth_start_1_s, 0.0..=1000.0);
     let first = check.range("servo.first_motion_m_s", s.first_motion_m_s, 0.0..=10.0);
     if first > 0.0 && first < SLOWEST_FIRST_MOTION_M_S {

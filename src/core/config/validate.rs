@@ -46,6 +46,8 @@ const MEASUREMENT_TIMEOUT_MS: RangeInclusive<f64> = 1.0..=60_000.0;
 const GUARDIAN_TIMEOUT_MS: RangeInclusive<f64> = 8.0..=60_000.0;
 /// Cores that the kernel's set of them has places for.
 const MAX_CPUS: u32 = 1024;
+/// Distance of a joint from its reference at which a run ends, rad or m, before a drive without a lag. Chosen by hand: ten times what loads and friction do to a good loop.
+const MAX_TRACKING_ERROR_RAD_OR_M: f64 = 0.1;
 
 /// Checks everything; `None` only where something is so wrong that a part cannot be built. `views`: also whether the target is in the
 /// image at start and goal.
@@ -140,7 +142,7 @@ pub(super) fn validate(
         drive_timeout: check.span_ms("safety.drive_timeout_ms", raw.safety.drive_timeout_ms, 2.0..=10_000.0),
         max_tracking_error: check.range(
             "safety.max_tracking_error_rad_or_m",
-            raw.safety.max_tracking_error_rad_or_m,
+            raw.safety.max_tracking_error_rad_or_m.unwrap_or(MAX_TRACKING_ERROR_RAD_OR_M),
             1e-4..=10.0,
         ),
         contact: raw.safety.contact,

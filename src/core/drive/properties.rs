@@ -1,8 +1,10 @@
-//! What an external drive tells of itself beside the names of its joints: how often its states come, how long it goes on without a command, and how quickly its torques may rise.
+//! What an external drive tells of itself beside the names of its joints: how often its states come, how long it goes on without a command, by how much the arm is behind its commands, and how
+//! quickly its torques may rise.
 //!
 //! ```text
 //! period_ms 2                     from state to state
 //! watchdog_ms 100                 without a command for so long it stops the arm
+//! lag_ms 38                       the arm is behind its commands by so much: `servo.lead_ms`, where the run file does not say it
 //! effort_rate 1000 1000 ...       N m/s or N/s of each joint: control's torques rise no more quickly
 //! ```
 //! Each line may be left out, and lines that are not known here belong to later versions.
@@ -13,6 +15,11 @@ use thiserror::Error;
 
 /// The longest period of a drive that control works with. Derived: that of robots with 125 Hz, between two of whose states supervision looks back no further.
 const LONGEST_PERIOD: SpanNs = SpanNs(8 * TICK.0);
+/// The longest lag that a law is computed ahead for. Chosen by hand: the bound of `servo.lead_ms`.
+const LONGEST_LAG: SpanNs = SpanNs(500 * TICK.0);
+/// What a lag may differ by from another, as a share and in ms. Chosen by hand: a law that looks ahead so much too far goes as well.
+const LAG_SHARE: f64 = 0.2;
+const LAG_MS: f64 = 5.0;
 /// Longest time that is read, s. Chosen by hand: more than an hour says nothing else, and a span holds it.
 const LONGEST_S: f64 = 3600.0;
 /// Commands that a drive must be able to miss before it stops the arm. Chosen by hand: one that comes a tick late stops nothing.
@@ -25,6 +32,8 @@ pub struct DriveProperties {
     pub period: Option<SpanNs>,
     /// How long it goes on without a command.
     pub watchdog: Option<SpanNs>,
+    /// By how much the arm is behind its commands.
+    pub lag: Option<SpanNs>,
     /// How quickly the effort of each joint may rise, N m/s or N/s; empty where that is not told.
     pub effort_rate: Vec<f64>,
 }
@@ -34,7 +43,7 @@ pub struct DriveProperties {
 pub enum DrivePropertiesError {
     /// A line that says nothing.
     #[error(
-        "the drive's properties on drive/text have the line `{line}`, which is none: after `period_ms` and `watchdog_ms` comes a number above 0, after `effort_rate` one for each joint"
+        "the drive's properties on drive/text have the line `{line}`, which is none: after `period_ms` and `watchdog_ms` comes a number above 0, after `lag_ms` one from 0 on, after `effort_rate` one for each joint"
     )]
     Line {
         /// It.
@@ -47,6 +56,16 @@ pub enum DrivePropertiesError {
     Period {
         /// From one to the next, ms.
         period_ms: f64,
+    },
+    /// Its arm is too far behind.
+    #[error(
+        "the drive's arm is {lag_ms:.0} ms behind its commands: control works with lags of up to {most_ms:.0} ms (`lag_ms` on drive/text)"
+    )]
+    Lag {
+        /// By how much, ms.
+        lag_ms: f64,
+        /// The most, ms.
+        most_ms: f64,
     },
     /// It has rates for another number of joints.
     #[error(
@@ -96,11 +115,21 @@ impl DriveProperties {
             match key {
                 "period_ms" => told.period = Some(span()?),
                 "watchdog_ms" => told.watchdog = Some(span()?),
+                "lag_ms" => {
+                    told.lag = Some(if values.trim().parse() == Ok(0.0) { SpanNs::ZERO } else { span()? })
+                }
                 "effort_rate" => told.effort_rate = numbers()?,
                 _ => {}
             }
         }
         Ok(told)
+    }
+
+    /// Whether a lag is nearly the one that is told, or none is.
+    #[must_use]
+    pub fn agrees_with_lag(&self, ms: f64) -> bool {
+        let told_ms = self.lag.map(|lag| lag.as_s() * 1e3);
+        told_ms.is_none_or(|told_ms| (ms - told_ms).abs() <= (LAG_SHARE * told_ms).max(LAG_MS))
     }
 
     /// That control can command such a drive of so many joints.
@@ -116,6 +145,9 @@ impl DriveProperties {
         // A span is whole nanoseconds, and a drive tells a rounded number.
         if period.0 > LONGEST_PERIOD.0 + LONGEST_PERIOD.0 / 50 {
             return Err(DrivePropertiesError::Period { period_ms: ms(period) });
+        }
+        if let Some(lag) = self.lag.filter(|lag| *lag > LONGEST_LAG) {
+            return Err(DrivePropertiesError::Lag { lag_ms: ms(lag), most_ms: ms(LONGEST_LAG) });
         }
         let cycle = SpanNs(period.0.max(TICK.0));
         let least = SpanNs((MAY_MISS + 1) * cycle.0);
@@ -134,7 +166,8 @@ impl fmt::Display for DriveProperties {
     /// The text of a message.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut text = String::new();
-        for (key, span) in [("period_ms", self.period), ("watchdog_ms", self.watchdog)] {
+        for (key, span) in [("period_ms", self.period), ("watchdog_ms", self.watchdog), ("lag_ms", self.lag)]
+        {
             if let Some(span) = span {
                 writeln!(text, "{key} {}", span.as_s() * 1e3)?;
             }
@@ -166,7 +199,12 @@ mod tests {
         assert!(told("period_ms 4\nwatchdog_ms 8").is_err(), "two of its own cycles");
         let words = told("period_ms 20").unwrap_err().to_string();
         assert!(words.contains("every 20 ms"), "{words}");
+        assert_eq!(told("lag_ms 0"), Ok(()));
+        let words = told("lag_ms 700").unwrap_err().to_string();
+        assert!(words.contains("700 ms behind") && words.contains("up to 500 ms"), "{words}");
         for line in [
+            "lag_ms -1",
+            "lag_ms",
             "period_ms",
             "period_ms x",
             "period_ms -1",
@@ -187,12 +225,12 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_is_told_comes_back(period in 1_i64..9_000, watchdog in 1_i64..900_000, rates in prop::collection::vec(1.0..1e6, 0..7)) {
+        fn what_is_told_comes_back(period in 1_i64..9_000, watchdog in 1_i64..900_000, lag in 0_i64..500_000, rates in prop::collection::vec(1.0..1e6, 0..7)) {
             let us = |us: i64| Some(SpanNs(us * 1000));
-            let told = DriveProperties { period: us(period), watchdog: us(watchdog), effort_rate: rates };
+            let told = DriveProperties { period: us(period), watchdog: us(watchdog), lag: us(lag), effort_rate: rates };
             let back = DriveProperties::parse(&told.to_string()).unwrap();
             prop_assert_eq!(&back.effort_rate, &told.effort_rate);
-            for (a, b) in [(back.period, told.period), (back.watchdog, told.watchdog)] {
+            for (a, b) in [(back.period, told.period), (back.watchdog, told.watchdog), (back.lag, told.lag)] {
                 prop_assert!((a.unwrap().0 - b.unwrap().0).abs() <= 1);
             }
         }

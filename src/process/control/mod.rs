@@ -31,7 +31,9 @@ use super::{Membership, ProcessError, ReportFolder, StopFlag, second_vision};
 use crate::calibration::load::LoadRecording;
 use crate::calibration::{KnownCell, Recording, stamp_offset};
 use crate::config::Config;
-use crate::config::assemble::{before_drive, control_loop, control_loop_with, q_start, require_controllable};
+use crate::config::assemble::{
+    before_drive, contradicted_lag, control_loop, control_loop_with, q_start, require_controllable,
+};
 use crate::config::{Clock, Task};
 use crate::control::outcome::{Finish, Outcome};
 use crate::control::trace::Trace;
@@ -270,6 +272,10 @@ fn before_told_drive<const N: usize>(config: &Config, robot: &Robot<N>, told: &D
     if !rates.is_empty() {
         info!("torques rise by no more than the drive takes: {} N m/s or N/s", rates.join(", "));
     }
+    if let Some(lag) = told.lag.filter(|_| config.effective.servo.lead_ms.is_none()) {
+        info!("the drive's arm is {:.0} ms behind its commands: laws look so far ahead", lag.as_s() * 1e3);
+    }
+    contradicted_lag(config, robot, told).iter().for_each(|words| warn!("{words}"));
     if share < 1.0 {
         warn!(
             "the drive takes torques slowly: the reference moves with {:.0} % of motion.max_jerk_rad_s3_or_m_s3",

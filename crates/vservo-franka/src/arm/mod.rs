@@ -388,16 +388,61 @@ impl Arm {
 /// What is wanted of a course at a state that was sampled at `stamp`, ns.
 fn wanted(what: &Command, stamp: i64) -> Wanted {
     let finite = |values: &Joints| values.iter().all(|v| v.is_finite());
+    let age_s =
+        |at: Option<i64>| at.map_or(0.0, |at| (stamp - at).clamp(-OLDEST_NS, OLDEST_NS) as f64 * 1e-9);
     match what {
-        Command::Position { q, qd, at } if finite(q) && finite(qd) => {
-            let age_s = (stamp - at).clamp(-OLDEST_NS, OLDEST_NS) as f64 * 1e-9;
-            let mut q = *q;
-            for (q, v) in q.iter_mut().zip(qd) {
-                *q += v * age_s;
+        Command::Position { q, qd, qdd, at } if finite(q) && finite(qd) && finite(qdd) => {
+            let (mut q, mut v) = (*q, *qd);
+            for i in 0..JOINTS {
+                let t = carried_s(qd[i], qdd[i], age_s(*at));
+                q[i] += t * (qd[i] + 0.5 * t * qdd[i]);
+                v[i] += t * qdd[i];
             }
-            Wanted::Position { q, qd: *qd }
+            Wanted::Position { q, qd: v }
         }
-        Command::Velocity(qd) if finite(qd) => Wanted::Velocity(*qd),
+        Command::Velocity { qd, qdd, at } if finite(qd) && finite(qdd) => {
+            Wanted::Velocity(std::array::from_fn(|i| qd[i] + carried_s(qd[i], qdd[i], age_s(*at)) * qdd[i]))
+        }
         _ => Wanted::Rest,
+    }
+}
+
+/// For how long a joint is carried on by its velocity and acceleration, s: what brakes, no farther than to rest.
+fn carried_s(qd: f64, qdd: f64, age_s: f64) -> f64 {
+    if qd * (qd + age_s * qdd) < 0.0 { -qd / qdd } else { age_s }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What is commanded for other instants than the state's is carried on with its acceleration, to and fro, and what brakes no farther than to rest.
+    #[test]
+    fn commands_are_carried_on_to_the_instant_of_the_state() {
+        let course = |t: f64| (0.4 * (1.0 - (5.0 * t).cos()), 2.0 * (5.0 * t).sin(), 10.0 * (5.0 * t).cos());
+        let of = |value: f64| [value; JOINTS];
+        for age_ms in [-3_i64, 1, 6] {
+            let (q, qd, qdd) = course(0.2 - 1e-3 * age_ms as f64);
+            let at = Some(500_000_000 - 1_000_000 * age_ms);
+            let position = Command::Position { q: of(q), qd: of(qd), qdd: of(qdd), at };
+            let Wanted::Position { q, qd: moves } = wanted(&position, 500_000_000) else { panic!() };
+            let Wanted::Velocity(v) =
+                wanted(&Command::Velocity { qd: of(qd), qdd: of(qdd), at }, 500_000_000)
+            else {
+                panic!()
+            };
+            // 50 rad/s3 are left: without the acceleration it would be 10 t^2/2 and 10 t.
+            let t = 1e-3 * age_ms.unsigned_abs() as f64;
+            let (right, left) = (course(0.2), (50.0 * t.powi(3) / 6.0, 50.0 * t * t / 2.0));
+            assert!((q[0] - right.0).abs() <= left.0 + 1e-12, "{age_ms}: {} {}", q[0], right.0);
+            assert!(
+                (moves[0] - right.1).abs() <= left.1 + 1e-12 && v == moves,
+                "{age_ms}: {} {}",
+                moves[0],
+                right.1
+            );
+        }
+        let braking = Command::Velocity { qd: of(0.05), qdd: of(-10.0), at: Some(0) };
+        assert_eq!(wanted(&braking, 15_000_000), Wanted::Velocity(of(0.0)));
     }
 }

@@ -85,19 +85,42 @@ impl CommandKind {
 pub enum Command {
     /// Brake, and stay.
     Hold,
-    /// Be at these positions, moving so, at a time; at others it is carried on by its velocities.
+    /// Be at these positions, moving so, at a time; at others they are carried on by velocity and acceleration.
     Position {
         /// rad.
         q: Joints,
         /// rad/s.
         qd: Joints,
-        /// When that is, by the caller's clock, ns.
-        at: i64,
+        /// rad/s2.
+        qdd: Joints,
+        /// When that is, by the caller's clock, ns; none: whenever it comes.
+        at: Option<i64>,
     },
-    /// Move with these velocities, rad/s.
-    Velocity(Joints),
+    /// Move with these velocities at a time; at others they are carried on.
+    Velocity {
+        /// rad/s.
+        qd: Joints,
+        /// rad/s2.
+        qdd: Joints,
+        /// When that is, by the caller's clock, ns; none: whenever it comes.
+        at: Option<i64>,
+    },
     /// Push with these torques without gravity, N m; under positions and velocities: hold.
     Torque(Joints),
+}
+
+impl Command {
+    /// Go to the positions `q`, rad, and stay there.
+    #[must_use]
+    pub fn stand_at(q: Joints) -> Self {
+        Self::Position { q, qd: [0.0; crate::JOINTS], qdd: [0.0; crate::JOINTS], at: None }
+    }
+
+    /// Keep the velocities `qd`, rad/s.
+    #[must_use]
+    pub fn keep(qd: Joints) -> Self {
+        Self::Velocity { qd, qdd: [0.0; crate::JOINTS], at: None }
+    }
 }
 
 /// A state of the robot.

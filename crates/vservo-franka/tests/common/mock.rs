@@ -157,5 +157,5 @@ pub fn rest(arm: &mut Arm) {
 /// Turns the first joint, and the fourth the other way.
 pub fn swing(count: u64) -> Command {
     let rise = 1.0 - (-(count as f64) / 100.0).exp();
-    Command::Velocity([0.4 * rise, 0.0, 0.0, -0.2 * rise, 0.0, 0.0, 0.0])
+    Command::keep([0.4 * rise, 0.0, 0.0, -0.2 * rise, 0.0, 0.0, 0.0])
 }

@@ -1,7 +1,7 @@
 //! What an arm is told to be, and what it tells: settings, commands, states.
 
 use crate::ClockMap;
-use crate::program::{Payload, state as program_state};
+use crate::program::{Payload, command, state as program_state};
 use crate::robot::{RobotMode, RuntimeState, SafetyMode};
 use crate::rtde::Recipe;
 use crate::{Clock, JOINTS, Joints, UrError};
@@ -13,6 +13,8 @@ use std::time::Duration;
 const FASTEST_RAD_S: f64 = 4.0 * std::f64::consts::PI;
 /// What a reading may jump by beside that, rad. Chosen by hand: far more than an encoder's noise, far less than a lost turn.
 const JUMP_RAD: f64 = 0.05;
+/// A command that is farther away in time than this is not carried on any farther by the driver, ns. Chosen by hand: five cycles of 500 Hz, in which a joint at 2 rad/s turns by 0.02 rad.
+const CARRIED_NS: i64 = 10_000_000;
 /// A joint slower than this rests, rad/s. Chosen by hand: above the noise of velocities, and a hundredth of a degree in 0.1 s.
 const REST_RAD_S: f64 = 2e-3;
 
@@ -33,6 +35,10 @@ pub struct ArmSettings {
     pub speed_acceleration_rad_s2: f64,
     /// Deceleration of `stopj`, rad/s2.
     pub stop_deceleration_rad_s2: f64,
+    /// States and commands in a second, a whole part of those of the robot; none: as many.
+    pub rate_hz: Option<f64>,
+    /// Largest acceleration of each joint with which the robot's program makes up for late commands, rad/s2: the limit that commands keep.
+    pub acceleration_rad_s2: Joints,
     /// Fastest that commanded positions move, rad/s: where commands were late, the robot's program approaches the next one so fast instead of at once.
     pub fastest_rad_s: f64,
     /// How long the robot goes on without a new command.
@@ -49,7 +55,7 @@ pub struct ArmSettings {
 
 impl ArmSettings {
     /// A robot with the usual settings: the quickest `servoj` that the maker's documentation allows; 40 rad/s2 are the most that it allows `speedj`, because control
-    /// limits accelerations itself; 180 degrees a second are the speed of most joints by the maker's data sheets; `stopj` with the 4 rad/s2 that the maker's own client has; the times are chosen by hand: 0.1 s without a command are
+    /// limits accelerations itself; the robot's program takes the same for late ones where nobody tells less; 180 degrees a second are the speed of most joints by the maker's data sheets; `stopj` with the 4 rad/s2 that the maker's own client has; the times are chosen by hand: 0.1 s without a command are
     /// fifty lost cycles, and 0.1 rad at 1 rad/s; a torque is given up after the twenty cycles of 1 kHz after which a Franka robot does so by its maker's documentation: 1 rad/s2 that was meant to end then adds
     /// 0.02 rad/s.
     #[must_use]
@@ -62,6 +68,8 @@ impl ArmSettings {
             gain: 2000.0,
             speed_acceleration_rad_s2: 40.0,
             stop_deceleration_rad_s2: 4.0,
+            rate_hz: None,
+            acceleration_rad_s2: [40.0; JOINTS],
             fastest_rad_s: std::f64::consts::PI,
             watchdog: Duration::from_millis(100),
             torque_watchdog: Duration::from_millis(20),
@@ -70,6 +78,17 @@ impl ArmSettings {
             silence: Duration::from_millis(100),
         }
     }
+}
+
+/// Ways to move the arm.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CommandKind {
+    /// `servoj`.
+    Position,
+    /// `speedj`.
+    Velocity,
+    /// `direct_torque`.
+    Torque,
 }
 
 /// What the arm shall do until the next command.
@@ -85,8 +104,8 @@ pub enum Command {
         qd: Joints,
         /// rad/s2.
         qdd: Joints,
-        /// When that is, by the caller's clock, ns.
-        at: i64,
+        /// When that is, by the caller's clock, ns; none: whenever it comes.
+        at: Option<i64>,
     },
     /// Move with these velocities at a time; at others they are carried on.
     Velocity {
@@ -94,8 +113,8 @@ pub enum Command {
         qd: Joints,
         /// rad/s2.
         qdd: Joints,
-        /// When that is, by the caller's clock, ns.
-        at: i64,
+        /// When that is, by the caller's clock, ns; none: whenever it comes.
+        at: Option<i64>,
     },
     /// Push with these torques beside the weight, which the robot holds, N m.
     Torque {
@@ -112,14 +131,58 @@ impl Command {
     /// Go to the positions `q`, rad, and stay there.
     #[must_use]
     pub fn stand_at(q: Joints) -> Self {
-        Self::Position { q, qd: [0.0; JOINTS], qdd: [0.0; JOINTS], at: 0 }
+        Self::Position { q, qd: [0.0; JOINTS], qdd: [0.0; JOINTS], at: None }
     }
 
     /// Keep the velocities `qd`, rad/s.
     #[must_use]
     pub fn keep(qd: Joints) -> Self {
-        Self::Velocity { qd, qdd: [0.0; JOINTS], at: 0 }
+        Self::Velocity { qd, qdd: [0.0; JOINTS], at: None }
     }
+}
+
+/// What goes into the registers of a command.
+pub(super) struct Registers {
+    pub(super) code: i32,
+    /// Cycles of the robot by which the numbers are older than its newest state, or younger where that is below zero.
+    pub(super) older: i32,
+    /// q or torques, qd, qdd.
+    pub(super) values: [Joints; 3],
+}
+
+impl Command {
+    /// The registers, of the instant `now`, ns, of the newest state: the robot's cycles and the caller's drift against each other, and the newest command is now one, now three of the
+    /// caller's cycles on from the one before, which the robot would take for accelerations. What is older than [`CARRIED_NS`] is carried on by whole cycles less than that: the rest is the program's.
+    pub(super) fn registers(self, now: i64, cycle_s: f64) -> Registers {
+        let none = [0.0; JOINTS];
+        let still = |code, first| Registers { code, older: 0, values: [first, none, none] };
+        match self {
+            Self::Hold => still(command::HOLD, none),
+            Self::End => still(command::END, none),
+            Self::Torque { tau, contain_friction: false } => still(command::TORQUE, tau),
+            Self::Torque { tau, contain_friction: true } => still(command::TORQUE_WITH_FRICTION, tau),
+            Self::Position { q, qd, qdd, at } => {
+                let (t, older) = carried(at, now, cycle_s);
+                let q = std::array::from_fn(|i| q[i] + t * (qd[i] + 0.5 * t * qdd[i]));
+                let qd = std::array::from_fn(|i| qd[i] + t * qdd[i]);
+                Registers { code: command::POSITION, older, values: [q, qd, qdd] }
+            }
+            Self::Velocity { qd, qdd, at } => {
+                let (t, older) = carried(at, now, cycle_s);
+                let qd = std::array::from_fn(|i| qd[i] + t * qdd[i]);
+                Registers { code: command::VELOCITY, older, values: [none, qd, qdd] }
+            }
+        }
+    }
+}
+
+/// How far what was commanded for the instant `at` is carried on, s, and how many cycles are left to `now`.
+fn carried(at: Option<i64>, now: i64, cycle_s: f64) -> (f64, i32) {
+    let Some(at) = at else { return (0.0, 0) };
+    let (age_s, most_s) = ((now - at) as f64 * 1e-9, CARRIED_NS as f64 * 1e-9);
+    // States that a network holds up are older than the command is. Of a command from days ago nothing is left to be carried on.
+    let whole = ((age_s.abs() - most_s) / cycle_s).ceil().clamp(0.0, 1e6).copysign(age_s);
+    ((age_s - whole * cycle_s).clamp(-most_s, most_s), whole as i32)
 }
 
 /// A state of the robot.

@@ -96,6 +96,8 @@ pub(super) struct Core {
     pub(super) cycle: u64,
     /// Which program may run: whoever has another number ends.
     pub(super) program: u64,
+    /// Where a program runs: whether it has done its part of this cycle.
+    pub(super) program_waits: Option<bool>,
     pub(super) inputs: Inputs,
     /// What has come since the last cycle.
     pub(super) coming: Inputs,
@@ -135,6 +137,7 @@ impl Core {
             time_s: 0.0,
             cycle: 0,
             program: 0,
+            program_waits: None,
             inputs: Inputs::default(),
             coming: Inputs::default(),
             out_ints: [0; REGISTERS],
@@ -195,6 +198,7 @@ impl Core {
     pub(super) fn step(&mut self) {
         let dt_s = self.period_s();
         self.cycle += 1;
+        self.program_waits = self.program_waits.map(|_| false);
         self.time_s += dt_s;
         if self.faults.deaf_until_s.is_none_or(|until| self.time_s > until) {
             self.inputs = self.coming;
@@ -265,6 +269,7 @@ impl Core {
     /// Ends whatever program runs, and brakes.
     pub(super) fn end_program(&mut self) {
         self.program += 1;
+        self.program_waits = None;
         self.runtime = RuntimeState::Stopped;
         self.reference.safety_stop();
     }

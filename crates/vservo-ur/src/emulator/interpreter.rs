@@ -233,6 +233,7 @@ impl Machine<'_, '_> {
             "write_output_float_register" => {
                 self.host.put_double(arguments.index(0)?, arguments.number(1, "value", None)?)
             }
+            "sqrt" => return Ok(Value::Number(arguments.number(0, "f", None)?.sqrt())),
             "get_steptime" => return Ok(Value::Number(period_s)),
             "get_target_joint_positions" => {
                 return Ok(Value::List(self.host.target().map(Value::Number).to_vec()));

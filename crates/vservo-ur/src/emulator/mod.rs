@@ -254,6 +254,19 @@ impl Drop for Emulator {
     }
 }
 
+/// The controller, once its program has done its part of the cycle: a real one gives it the time in each. A program that takes no end is not waited for.
+#[allow(clippy::disallowed_methods)] // the emulator is a machine of its own
+fn with_program_ready(shared: &Shared) -> MutexGuard<'_, Core> {
+    let begin = Instant::now();
+    let mut core = shared.core();
+    // Chosen by hand: a machine that keeps a thread back for so long cannot emulate.
+    while core.program_waits == Some(false) && begin.elapsed() < Duration::from_millis(100) {
+        let waited = shared.cycle.wait_timeout(core, Duration::from_millis(1));
+        core = waited.unwrap_or_else(PoisonError::into_inner).0;
+    }
+    core
+}
+
 /// The controller's cycles, by the clock. Cycles that are late are made up for, one after the other.
 #[allow(clippy::disallowed_methods)] // the emulator is a machine of its own
 fn run_cycles(shared: &Shared) {
@@ -266,7 +279,7 @@ fn run_cycles(shared: &Shared) {
         if due.elapsed() > Duration::from_millis(100) {
             due = Instant::now();
         }
-        let mut core = shared.core();
+        let mut core = with_program_ready(shared);
         core.step();
         rtde_server::send_all(shared, &mut core);
         drop(core);

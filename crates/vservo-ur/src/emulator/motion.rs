@@ -10,11 +10,10 @@
 //! users measure with the quickest parameters.
 
 use super::core::Torque;
+use crate::program::RATE_OF_GAIN;
 use crate::{JOINTS, Joints};
 use std::fmt;
 
-/// Factor from `gain` to a rate, 1/s. Chosen so that the quickest parameters lag by 34 ms, as users measure.
-const RATE_OF_GAIN: f64 = 1.0 / 8.0;
 /// Fastest reference that the safety system lets pass, rad/s: the maker's data sheet has 180 degrees a second, with 2 % to spare.
 const FASTEST_RAD_S: f64 = 1.02 * std::f64::consts::PI;
 /// Largest change of the reference's velocity that is no sudden change of the target, rad/s2. Chosen by hand: four times what `speedj` is allowed.

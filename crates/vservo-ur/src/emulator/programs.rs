@@ -146,6 +146,9 @@ impl Host<'_> {
                 self.inputs = core.inputs;
                 return Ok(());
             }
+            if core.program_waits.replace(true) != Some(true) {
+                self.shared.cycle.notify_all();
+            }
             // Chosen by hand: the emulator's end is looked for from time to time.
             let waited = self.shared.cycle.wait_timeout(core, Duration::from_millis(50));
             core = waited.unwrap_or_else(PoisonError::into_inner).0;

@@ -200,8 +200,8 @@ table! {
         smooth_start_1_s: f64 = 0.0,
         /// Speed of the camera in its first motion, until the image was seen to move as it should or a centimetre is over, m/s; 0 for no bound.
         first_motion_m_s: f64 = 0.04,
-        /// Lag of the drive, by which the arm follows its commands later, ms. `predict` predicts the view that far ahead.
-        lead_ms: f64 = 0.0,
+        /// Lag of the drive, by which the arm follows its commands later, ms; left out: what an external drive tells, and none otherwise. `predict` predicts the view that far ahead.
+        lead_ms: Option<f64> = None,
         /// Gain of the motion away from joint limits where the task leaves joints free, 1/s; 0 for none.
         limit_avoidance_1_s: f64 = 0.0,
         /// Whether the arm returns to the posture of the last complete view when the target is lost.

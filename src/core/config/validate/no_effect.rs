@@ -272,7 +272,7 @@ mod tests {
         let Ok(all) = toml::Table::try_from(RawConfig::default()) else {
             unreachable!("defaults have a form")
         };
-        let optional = ["servo.adaptive_gain", "motion.velocity_observer_rad_s"];
+        let optional = ["servo.adaptive_gain", "servo.lead_ms", "motion.velocity_observer_rad_s"];
         for key in CONDITIONS.iter().flat_map(|one| one.keys) {
             assert!(at(&all, key).is_some() || optional.contains(key), "{key}");
         }

@@ -2,8 +2,8 @@
 
 use super::arm::ArmFacts;
 use super::plan::{DriveTrial, PhaseKind};
-use crate::drive::CommandMode;
-use crate::messages::{DriveCommandMsg, DriveStateMsg, DriveTextMsg, MAX_JOINTS, drive_flag};
+use crate::drive::{CommandMode, DriveProperties};
+use crate::messages::{DriveCommandMsg, DriveStateMsg, DriveTextMsg, MAX_JOINTS, drive_flag, text_kind};
 use crate::time::{MonoNs, SpanNs};
 
 /// As many states may wait for their reader, as the services have it: where so many were taken at once, some before them may have been
@@ -110,6 +110,12 @@ impl DriveLog {
     /// The first answer to START.
     pub(super) fn initial(&self) -> Option<&ReceivedState> {
         self.received.iter().find(|r| r.state.flags & drive_flag::INITIAL != 0)
+    }
+
+    /// What the drive tells of itself; nothing where that is not to be read, which another rule tells.
+    pub(super) fn told(&self) -> DriveProperties {
+        let told = self.texts.iter().find(|t| t.text.kind == text_kind::PROPERTIES);
+        told.and_then(|told| DriveProperties::parse(&told.text.text()).ok()).unwrap_or_default()
     }
 
     /// The first command with this flag.

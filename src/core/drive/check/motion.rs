@@ -261,12 +261,24 @@ pub(super) fn following(log: &DriveLog, findings: &mut TrialFindings) {
     };
     lags.sort_unstable();
     let middle = lags.get(lags.len() / 2).copied().unwrap_or(0);
+    let told = log.told();
+    let told_ms = told.lag.map(|lag| lag.as_s() * 1e3);
+    if let (Some(told_ms), [_, _, _, of_lag, _]) = (told_ms.filter(|_| !lags.is_empty()), &mut broken)
+        && !told.agrees_with_lag(middle as f64)
+    {
+        let words = || format!("the drive tells a lag of {told_ms:.0} ms (`lag_ms`), and lags by {middle}");
+        of_lag.get_or_insert_with(words);
+    }
+    let says = match told_ms {
+        Some(told_ms) => format!("the drive tells {told_ms:.0}"),
+        None => format!("the run file says {:.0}", log.arm.lead.as_s() * 1e3),
+    };
     let range = format!("{} to {} ms", lags.first().unwrap_or(&0), lags.last().unwrap_or(&0));
     let measured = [
         format!("{} joints one after the other", gains.len()),
         "as commanded".into(),
         format!("{} times as far, {rests:.3} of the motion left", span(&gains)),
-        format!("{range}; servo.lead_ms = {middle} fits, the run file says {:.0}", log.arm.lead.as_s() * 1e3),
+        format!("{range}; servo.lead_ms = {middle} fits, {says}"),
         format!("{} times the derivative of the position", span(&factors)),
     ];
     for ((rule, broken), measured) in rules.into_iter().zip(broken).zip(measured) {

@@ -98,7 +98,10 @@ pub(super) fn log_of(m: Machine, tweak: &dyn Fn(&mut DriveStateMsg, f64)) -> Dri
         log.received.push(ReceivedState { at: at + ms(2.5), of_batch: 1, batch: 1, state });
     }
     for i in 0..2 {
-        let text = DriveTextMsg::of_properties(&format!("period_ms {}\nwatchdog_ms 100", m.period_ms));
+        let text = DriveTextMsg::of_properties(&format!(
+            "period_ms {}\nwatchdog_ms 100\nlag_ms {}",
+            m.period_ms, m.lag_ms
+        ));
         log.texts.push(ReceivedText { text, ..log.texts[i] });
     }
     let plan = TrialPlan::new(m.trial, &log.arm, m.mode, true, &initial());

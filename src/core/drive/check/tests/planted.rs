@@ -5,7 +5,7 @@
 use super::honest::{BEGIN, JOINTS, START, ms, untouched};
 use crate::drive::check::DriveRule as R;
 use crate::drive::check::*;
-use crate::messages::{DriveStateMsg, DriveTextMsg, drive_flag};
+use crate::messages::{DriveStateMsg, DriveTextMsg, drive_flag, text_kind};
 use crate::time::{MonoNs, SpanNs, TICK};
 
 pub(super) type Tweak = fn(&mut DriveStateMsg, f64);
@@ -115,6 +115,19 @@ pub(super) fn violations() -> Vec<(&'static str, DriveTrial, Tweak, Change, Vec<
                 log.texts.push(ReceivedText { at: log.texts[0].at, text });
             },
             vec![R::Properties],
+        ),
+        (
+            "another lag than the arm has",
+            Motion,
+            NO_TWEAK,
+            |log| {
+                let text = DriveTextMsg::of_properties("period_ms 1\nwatchdog_ms 100\nlag_ms 38");
+                log.texts
+                    .iter_mut()
+                    .filter(|t| t.text.kind == text_kind::PROPERTIES)
+                    .for_each(|t| t.text = text);
+            },
+            vec![R::Lag],
         ),
         ("no modes", Motion, |s, _| s.modes = 0, NO_CHANGE, vec![R::Modes]),
         ("modes that there are not", Motion, |s, _| s.modes |= 32, NO_CHANGE, vec![R::Modes]),
