@@ -130,6 +130,7 @@ impl DotBody {
         };
         let edges = [0, 1].map(|k| 0.5 * face.size_m[k] - disc.centre_m[k].abs() - self.radius_m);
         let others = face.centres_m.iter().map(|other| (other - disc.centre_m).norm());
+        // chosen: no two dots lie so near, but for a dot and itself
         let next = others.filter(|m| *m > 1e-9).fold(f64::INFINITY, f64::min) - 2.0 * self.radius_m;
         edges[0].min(edges[1]).min(next)
     }
@@ -178,6 +179,7 @@ impl DotBody {
             let R = other * own.transpose();
             (0..count).all(|k| {
                 let (place, inward) = (R * (p(k) - p(a)) + p(i), R * self.inward(k));
+                // chosen by hand: within 26 degrees, as no two faces of a body are
                 (0..count).any(|m| (place - p(m)).norm() < near && inward.dot(&self.inward(m)) > 0.9)
             })
         };

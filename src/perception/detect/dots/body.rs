@@ -26,7 +26,7 @@ const MAX_POSES: usize = 100_000;
 const DEPTH_SHARE: f64 = 0.12;
 /// How far off the ratio of an ellipse's axes may be from the cosine of its tilt. Chosen by hand: as [`DEPTH_SHARE`] of either axis.
 const RATIO_OFF: f64 = 0.25;
-/// Least cosine of the tilt of a dot that can be seen; that of the flattest region that is taken for a dot.
+/// Least cosine of the tilt of a dot that can be seen. Derived: a flatter region is not taken for a dot (`MIN_AXIS_RATIO` of `blob.rs`).
 const LEAST_COSINE: f64 = 0.2;
 /// Distance from a dot of a pose of three within which a region is taken for it, px, and after least squares. Chosen by hand: three centres that are 0.3 px off
 /// put a fourth one off by some px; then regions are as far off as their thresholds make them.
@@ -180,7 +180,7 @@ impl BodyDots {
             let px = Vector2::new(blob.x, blob.y);
             let s = camera.normalized_of(&px);
             let (major, minor) = blob.axes();
-            // a lens stretches what is far from its axis
+            // a lens stretches what is far from its axis; chosen by hand, so that where it folds back nothing is divided by zero
             let scale = camera.pixel_jacobian(&s).determinant().abs().sqrt().max(0.1 * focal_px);
             let axis = major / scale;
             BodyCandidate { px, s, axis, ratio: minor / major, depth_m: radius_m / axis }

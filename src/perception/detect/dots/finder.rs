@@ -431,7 +431,7 @@ fn invert<'a>(image: &ImageView<'_>, window: &Window, buffer: &'a mut [u8]) -> O
 /// Least distance from each dot's rim to a neighbour's, or to the plate's edge, in the dot's radii.
 fn free_distances(target: &Target) -> Box<[f64]> {
     if let Target::DotBody(body) = target {
-        let of = |i| Some((body.free_m(i) / body.dot(i)?.1.radius_m).clamp(0.1, 3.0)); // as below
+        let of = |i| Some((body.free_m(i) / body.dot(i)?.1.radius_m).clamp(0.1, 3.0)); // chosen as below
         return (0..body.points().len()).map_while(of).collect();
     }
     let (marks, plate) = (target.discs(), target.plate());
