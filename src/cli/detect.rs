@@ -75,7 +75,7 @@ struct ImageDetector {
     /// Known by a calibration.
     calibrated: bool,
     camera: CameraModel,
-    settings: VisionSettings,
+    settings: Box<VisionSettings>,
     finder: DetectionMethod,
 }
 
@@ -116,7 +116,7 @@ impl ImageDetector {
             }
             (target, _) => DetectionMethod::Target(Box::new(vision(target.clone()))),
         };
-        Self { size, calibrated: calibration.is_some(), camera, settings, finder }
+        Self { size, calibrated: calibration.is_some(), camera, settings: Box::new(settings), finder }
     }
 
     fn look(&mut self, image: &ImageView<'_>) -> Result<DetectedImage, Missed> {
@@ -137,7 +137,7 @@ impl ImageDetector {
                     && let Ok(target) = Tags::one(finder.family(), *size_m, one.id)
                 {
                     return seen(
-                        &mut Vision::new(self.camera, Target::from(target), self.settings),
+                        &mut Vision::new(self.camera, Target::from(target), *self.settings),
                         image,
                         true,
                     );

@@ -270,8 +270,8 @@ mod tests {
             (0.0823, none, none),
         ];
         // The camera stands 0.05 m before the flange, and looks along its z.
-        let camera = |q: &SVector<f64, 6>| {
-            let turn = links.iter().zip(q).fold(Matrix4::identity(), |X, ((d, a, alpha), q)| {
+        let camera = |q: &SVector<f64, 6>| -> Matrix4<f64> {
+            let turn = links.iter().zip(q).fold(Matrix4::<f64>::identity(), |X, ((d, a, alpha), q)| {
                 let ((s, c), (t, k)) = (q.sin_cos(), alpha.sin_cos());
                 #[rustfmt::skip]
                 let A = Matrix4::new(
@@ -295,8 +295,9 @@ mod tests {
             task.note_arm(MonoNs(100 * MS), ControlState::Waiting, true);
             task.look(&seen, 30.0, &q, &goal);
             let waypoint = (0..STARTS).find_map(|_| task.next_waypoint()).unwrap();
-            let wanted = camera(&q) * X_CO.to_homogeneous() * X_DO.to_homogeneous().try_inverse().unwrap();
-            let off = (camera(&waypoint) - wanted).abs().max();
+            let wanted: Matrix4<f64> =
+                camera(&q) * X_CO.to_homogeneous() * X_DO.to_homogeneous().try_inverse().unwrap();
+            let off: f64 = (camera(&waypoint) - wanted).abs().max();
             assert!(off < 1e-8, "{off}");
         }
     }
