@@ -9,8 +9,8 @@ use std::time::Duration;
 /// Longest time for the motors to get power, and for the brakes to open. Chosen by hand: an e-Series boots in half a minute.
 const POWER: Duration = Duration::from_secs(60);
 const BRAKES: Duration = Duration::from_secs(20);
-/// A slider below this share slows the arm. Chosen by hand, for rounding.
-pub(super) const SLIDER: f64 = 0.999;
+/// A slider below this share slows the arm. Derived: it is told in whole percents, and what is told as 100 % is that.
+pub(super) const SLIDER: f64 = 0.995;
 
 /// Longest wait for the end of a program that is still there. Derived: one that an earlier session of this driver left ends by its watchdog after 0.1 s, and brakes for
 /// 0.8 s from 3 rad/s; as much again for a robot that is slow.
