@@ -98,6 +98,6 @@ fn the_drive_in_python_tells_its_properties() {
     let (output, answer) = checked(&Instance::new("mujococheck"), &arguments);
     let told = String::from_utf8_lossy(&output.stderr).into_owned();
     let properties = answer["rules"].as_array().unwrap().iter().find(|r| r["rule"] == "properties").unwrap();
-    assert_eq!(properties["measured"], "period_ms 1, watchdog_ms 100", "{answer:#}\n{told}");
+    assert_eq!(properties["measured"], "period_ms 1, lag_ms 0, watchdog_ms 100", "{answer:#}\n{told}");
     assert!(rules(&answer, "ok").contains(&"properties".to_owned()), "{answer:#}\n{told}");
 }

@@ -10,7 +10,7 @@
 //! double o to o+5   q, rad, or torques, N m; o+6 to o+11   qd, rad/s; o+12 to o+17   qdd, rad/s2
 //! ```
 //! The program counts its cycles, and so knows by how many a command is later than the quickest that it has seen. It carries positions and velocities on for so long by
-//! their velocity and acceleration, and what brakes no farther than to rest. Nothing is carried on for longer than [`CARRIED_S`], and when nothing new has come for so long the joints brake: commands that come are obeyed however slow the network is. In all this their velocity changes from cycle
+//! their velocity and acceleration, and what brakes no farther than to rest. Nothing is carried on for longer than `CARRIED_S`, and when nothing new has come for so long the joints brake: commands that come are obeyed however slow the network is. In all this their velocity changes from cycle
 //! to cycle by no more than the acceleration that is allowed: `servoj` and `speedj` get nothing else. A target that the joints are not at (the network stood still)
 //! is approached with `v = qd + sign(e) min(|e|/T, sqrt(a |e|))`, from which half of the acceleration `a` brakes, and no joint is faster than it may be: a robot takes a leap for a
 //! collision course.

@@ -26,6 +26,8 @@ const MAX_POSES: usize = 100_000;
 const DEPTH_SHARE: f64 = 0.12;
 /// How far off the ratio of an ellipse's axes may be from the cosine of its tilt. Chosen by hand: as [`DEPTH_SHARE`] of either axis.
 const RATIO_OFF: f64 = 0.25;
+/// How far the angle between two faces may be off from what the tilts of their dots allow, rad. Chosen by hand: a ratio of axes of 0.88 for 1 is a tilt of 0.5 rad.
+const ANGLE_OFF: f64 = 0.5;
 /// Least cosine of the tilt of a dot that can be seen. Derived: a flatter region is not taken for a dot (`MIN_AXIS_RATIO` of `blob.rs`).
 const LEAST_COSINE: f64 = 0.2;
 /// Distance from a dot of a pose of three within which a region is taken for it, px, and after least squares. Chosen by hand: three centres that are 0.3 px off
@@ -52,6 +54,15 @@ struct BodyDot {
     disc: Disc,
 }
 
+/// Two dots of the body.
+#[derive(Debug, Clone, Copy)]
+struct DotPair {
+    /// Squared distance, m^2.
+    apart2: f64,
+    /// Angle between the normals of their faces, rad.
+    angle: f64,
+}
+
 /// A region, with what follows from it alone.
 #[derive(Debug, Clone, Copy)]
 struct BodyCandidate {
@@ -60,6 +71,8 @@ struct BodyCandidate {
     /// Longer half axis, normalized, and the shorter over the longer one.
     axis: f64,
     ratio: f64,
+    /// The angle of its normal to the line of sight by that ratio, rad.
+    tilt: f64,
     depth_m: f64,
 }
 
@@ -86,6 +99,8 @@ pub(super) struct BodyDots {
     camera: CameraModel,
     focal_px: f64,
     dots: Box<[BodyDot]>,
+    /// Dot `a` and dot `b`, at `a` times their number plus `b`.
+    dot_pairs: Box<[DotPair]>,
     /// Greatest distance of two dots, m.
     extent_m: f64,
     seen: Vec<BodyCandidate>,
@@ -103,10 +118,16 @@ impl BodyDots {
         let dots: Box<[_]> = body.points().iter().enumerate().filter_map(of).collect();
         let apart = |a: &BodyDot| dots.iter().map(|b| (b.p_O - a.p_O).norm()).fold(0.0, f64::max);
         let extent_m = dots.iter().map(apart).fold(0.0, f64::max);
+        let pair = |a: &BodyDot, b: &BodyDot| DotPair {
+            apart2: (a.p_O - b.p_O).norm_squared(),
+            angle: a.inward.angle(&b.inward),
+        };
+        let dot_pairs = dots.iter().flat_map(|a| dots.iter().map(|b| pair(a, b))).collect();
         Self {
             camera,
             focal_px: (i.fx_px * i.fy_px).sqrt(),
             dots,
+            dot_pairs,
             extent_m,
             seen: Vec::with_capacity(MAX_BODY_CANDIDATES),
             fits: Vec::with_capacity(MAX_FITS),
@@ -183,7 +204,8 @@ impl BodyDots {
             // a lens stretches what is far from its axis; chosen by hand, so that where it folds back nothing is divided by zero
             let scale = camera.pixel_jacobian(&s).determinant().abs().sqrt().max(0.1 * focal_px);
             let axis = major / scale;
-            BodyCandidate { px, s, axis, ratio: minor / major, depth_m: radius_m / axis }
+            let ratio = minor / major;
+            BodyCandidate { px, s, axis, ratio, tilt: ratio.min(1.0).acos(), depth_m: radius_m / axis }
         }));
     }
 
@@ -249,16 +271,20 @@ impl BodyDots {
         Some([pair(0)?, pair(1)?, pair(2)?])
     }
 
-    /// Whether two regions can lie as far apart as two dots do: across the line of sight they are not further apart, and along it not further than their sizes tell.
+    /// Whether two regions can be two dots: across the line of sight they are not further apart than these, and along it not further than their sizes tell; and
+    /// from the line of sight their normals are as far apart as the tilts of the ellipses allow.
     fn may_be(&self, [i, j]: [usize; 2], [a, b]: [usize; 2]) -> bool {
         let (Some(p), Some(q)) = (self.seen.get(i), self.seen.get(j)) else { return false };
-        let (Some(a), Some(b)) = (self.dots.get(a), self.dots.get(b)) else { return false };
-        let apart2 = (a.p_O - b.p_O).norm_squared();
+        let count = self.dots.len();
+        let Some(DotPair { apart2, angle }) = self.dot_pairs.get(a * count + b) else { return false };
+        if *angle > p.tilt + q.tilt + ANGLE_OFF || *angle < (p.tilt - q.tilt).abs() - ANGLE_OFF {
+            return false;
+        }
         let depth_m = 0.5 * (p.depth_m + q.depth_m);
         let across2 = (p.s - q.s).norm_squared() * depth_m * depth_m;
         let along = (p.depth_m - q.depth_m).abs() + 2.0 * DEPTH_SHARE * depth_m;
         let more = (1.0 + DEPTH_SHARE) * (1.0 + DEPTH_SHARE);
-        across2 < apart2 * more * more && apart2 < (across2 + along * along) * more
+        across2 < *apart2 * more * more && *apart2 < (across2 + along * along) * more
     }
 
     /// Whether a region has the size and the tilt of a dot at this pose.
