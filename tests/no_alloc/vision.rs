@@ -76,3 +76,30 @@ fn nothing_is_allocated_when_the_target_changes() {
     assert_no_alloc(|| (0..20).for_each(&mut frame));
     assert!(found.iter().enumerate().all(|(k, now)| *now == (u32::from(k % 5 > 1), true, 0)), "{found:?}");
 }
+
+/// A search of the whole frame at every second frame, tracking at the others.
+#[test]
+fn nothing_is_allocated_for_dots_in_space() {
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("config/dot-cube.toml");
+    let config = vservo::config::Config::load(Some(&path), &[]).unwrap();
+    let mut renderer = vservo::config::assemble::renderer(&config).unwrap();
+    let i = config.camera.model.intrinsics();
+    let (width, height) = (i.width_px as usize, i.height_px as usize);
+    let mut image = vec![0; width * height];
+    renderer.render(&[Pose::new([0.01, 0.0, 0.4].into(), [0.5, 0.2, 0.3].into())], 0, &mut image);
+    let vision = |track| {
+        let settings = VisionSettings { track, ..config.vision };
+        Vision::new(config.camera.model, config.target.clone(), settings)
+    };
+    let mut both = [vision(false), vision(true)];
+    let mut found = 0;
+    let mut frame = |k: u64| {
+        let header =
+            FrameHeader { frame_id: k, exposure: MonoNs(k as i64 * 40_000_000), ..FrameHeader::default() };
+        let view = ImageView::new(&image, width, height).unwrap();
+        let m = both[k as usize % 2].process(&Frame { header, image: view }, &Prior::default());
+        found += u32::from(m.found());
+    };
+    assert_no_alloc(|| (0..12).for_each(&mut frame));
+    assert_eq!(found, 12);
+}
