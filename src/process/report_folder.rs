@@ -62,12 +62,13 @@ impl NewReport {
     /// nothing can be written.
     pub fn begin(path: &Path) -> Result<Self, ProcessError> {
         let failed = |cause| ProcessError::Write { path: path.into(), cause };
-        let path_is_taken = path.symlink_metadata().is_ok() && !path.is_dir();
+        let led_to = rt::follow_links(path).map_err(failed)?;
+        let path_is_taken = led_to.exists() && !led_to.is_dir();
         if path_is_taken {
             return Err(failed(ErrorKind::NotADirectory.into()));
         }
         // The children have other working directories, as far as anybody knows.
-        let target = std::path::absolute(path).map_err(failed)?;
+        let target = std::path::absolute(led_to).map_err(failed)?;
         let is_new = !target.exists();
         std::fs::create_dir_all(&target).map_err(failed)?;
         let mut holds_files = false;
@@ -212,6 +213,24 @@ mod tests {
             entries.map(|e| e.unwrap().file_name().to_string_lossy().into_owned()).collect();
         names.sort();
         names
+    }
+
+    /// As for files: what a link leads to is made, and the link stays.
+    #[test]
+    fn a_link_stays_and_what_it_leads_to_is_made() {
+        let folder = tempfile::tempdir().unwrap();
+        let link = folder.path().join("latest");
+        std::os::unix::fs::symlink("new", &link).unwrap();
+        for _ in 0..2 {
+            let report = NewReport::begin(&link).unwrap();
+            report.folder().write(PAGE, document("new", "", &[])).unwrap();
+            report.publish().unwrap();
+            assert!(link.is_symlink() && folder.path().join("new").join(PAGE).is_file());
+        }
+        std::fs::write(folder.path().join("file"), "x").unwrap();
+        let to_file = folder.path().join("to_file");
+        std::os::unix::fs::symlink("file", &to_file).unwrap();
+        assert!(NewReport::begin(&to_file).is_err());
     }
 
     #[test]

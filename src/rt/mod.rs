@@ -46,4 +46,4 @@ pub use service_manager::{ServiceWatchdog, tell_service_manager};
 pub use terminal::Terminal;
 #[doc(inline)]
 pub use vservo_clock::{ClockEstimate, ClockMap};
-pub use write_file::{IsRead, check_writable, write_file};
+pub use write_file::{IsRead, check_writable, follow_links, write_file};

@@ -79,7 +79,7 @@ pub fn check_writable(path: &Path) -> io::Result<()> {
 }
 
 fn way(path: &Path) -> io::Result<WriteMethod> {
-    let target = resolve(path)?;
+    let target = follow_links(path)?;
     match std::fs::metadata(&target) {
         Ok(found) if found.is_dir() => Err(ErrorKind::IsADirectory.into()),
         Ok(found) if found.is_file() && used::is_used(&found) => {
@@ -100,7 +100,10 @@ fn way(path: &Path) -> io::Result<WriteMethod> {
 
 /// Follows links of the last part of a path, so that what they lead to can be replaced. Those of open descriptors are no
 /// names of files and stay.
-fn resolve(path: &Path) -> io::Result<PathBuf> {
+///
+/// # Errors
+/// When a link cannot be read, or leads round in a circle.
+pub fn follow_links(path: &Path) -> io::Result<PathBuf> {
     let mut path = path.to_path_buf();
     for _ in 0..LONGEST_CHAIN {
         if is_descriptor(&path) || !path.is_symlink() {
