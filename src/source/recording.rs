@@ -395,6 +395,7 @@ mod tests {
         assert_eq!((levels, camera.left_out), (vec![1, 3], 2));
         let strict = RecordedTopic { strict: true, ..wanted(None) };
         let mut camera = RecordedCamera::open(file.path(), &strict).unwrap();
+        assert_eq!(played(&mut camera, 1), [Some(vec![1; 8])]);
         assert!(camera.expose(&EXPOSURE, &mut [0; 8]).is_err());
     }
 }
