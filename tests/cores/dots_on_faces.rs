@@ -103,7 +103,7 @@ fn dots_are_told_apart_from_all_around() {
 #[test]
 fn dots_are_told_apart_among_other_things() {
     let plain = config(&[]);
-    let set = ["scene.backdrop.clutter=25", "scene.backdrop.texture_levels=8"];
+    let set = ["scene.backdrop.clutter=60", "scene.backdrop.texture_levels=8"];
     let cluttered = config(&set);
     let mut random = Random::new(12);
     let views = look(&cluttered, &plain, (0..60).map(|_| view(&mut random, 0.9)));
@@ -147,6 +147,26 @@ fn another_body_is_not_taken_for_this_one() {
         taken += usize::from(vision.process(&frame, &Prior::default()).found());
     }
     assert!(taken == 0, "{taken} of 80");
+}
+
+/// Two sides with the same dots: where only one of them is seen, nothing tells which it is.
+#[test]
+fn a_side_that_another_one_equals_is_ambiguous() {
+    let side = "dots_m=[[0.011,-0.015],[-0.002,0.02],[-0.019,-0.02],[-0.017,0.013],[0.001,0.004]]";
+    let faces = format!(
+        "target.points.faces=[{{position_m=[0.03,0,0],rotation_rpy_deg=[0,-90,0],{side}}}, \
+         {{position_m=[-0.03,0,0],rotation_rpy_deg=[0,90,0],{side}}}, {{position_m=[0,0,-0.03],dots_m=[[0.01,0.005]]}}]"
+    );
+    let body = config(&[&faces]);
+    let (X_OF, _) = body.target.dot(0).unwrap();
+    let straight = |z| Pose::translation(0.0, 0.0, z) * X_OF.inverse();
+    let views = look(&body, &body, [0.3, 0.35, 0.45].map(straight).into_iter());
+    assert_eq!((views.found, views.missed.as_slice()), (0, [TargetStatus::Ambiguous; 3].as_slice()));
+    // The dot of the top beside them tells which side it is.
+    let turn = UnitQuaternion::from_euler_angles(0.0, -0.7, 0.0);
+    let aslant = |z| Pose::from_parts(Translation3::new(0.0, 0.0, z), turn) * X_OF.inverse();
+    let views = look(&body, &body, [0.3, 0.35, 0.45].map(aslant).into_iter());
+    assert!(views.found == 3 && views.dots == 18, "{} {} {:?}", views.found, views.dots, views.missed);
 }
 
 #[test]

@@ -102,6 +102,11 @@ fn a_lag_is_handed_over_by_the_driver() {
         "{}",
         r.text()
     );
+    assert!(
+        r.text().contains("for the drive's lag a joint may be 0.51 rad or m from its reference"),
+        "{}",
+        r.text()
+    );
     let told_s = number(&r.summary, &["settling_time_s"]);
     let r = of(&["--set", "servo.lead_ms=38"]);
     assert!(

@@ -17,8 +17,9 @@ use thiserror::Error;
 const LONGEST_PERIOD: SpanNs = SpanNs(8 * TICK.0);
 /// The longest lag that a law is computed ahead for. Chosen by hand: the bound of `servo.lead_ms`.
 const LONGEST_LAG: SpanNs = SpanNs(500 * TICK.0);
-/// What a lag may differ by from another, as a share and in ms. Chosen by hand: a law that looks ahead so much too far goes as well.
+/// What a lag may differ by from another, as a share. Chosen by hand: a law that looks ahead so much too far goes as well.
 const LAG_SHARE: f64 = 0.2;
+/// The same at least, ms. Chosen by hand: a period of a drive, and half of one, that nobody tells exactly.
 const LAG_MS: f64 = 5.0;
 /// Longest time that is read, s. Chosen by hand: more than an hour says nothing else, and a span holds it.
 const LONGEST_S: f64 = 3600.0;

@@ -275,6 +275,12 @@ fn before_told_drive<const N: usize>(config: &Config, robot: &Robot<N>, told: &D
     if let Some(lag) = told.lag.filter(|_| config.effective.servo.lead_ms.is_none()) {
         info!("the drive's arm is {:.0} ms behind its commands: laws look so far ahead", lag.as_s() * 1e3);
     }
+    let most = of_drive.safety.max_tracking_error;
+    if most > config.safety.max_tracking_error {
+        info!(
+            "for the drive's lag a joint may be {most:.2} rad or m from its reference: safety.max_tracking_error_rad_or_m says another bound"
+        );
+    }
     contradicted_lag(config, robot, told).iter().for_each(|words| warn!("{words}"));
     if share < 1.0 {
         warn!(

@@ -20,24 +20,34 @@ use nalgebra::{Point3, Vector2, Vector3};
 pub(super) const MAX_BODY_CANDIDATES: usize = 24;
 /// Assignments that are kept. Chosen by hand: an image with more of them is ambiguous.
 const MAX_FITS: usize = 32;
-/// Poses of three dots that a search may compute, as a bound on time. Chosen by hand: some 0.1 s of one core; a body with 13 dots, nine of them in view, takes some thousands.
-const MAX_POSES: usize = 100_000;
-/// How far off a depth may be that follows from an ellipse's size, as share. Chosen by hand: a threshold 0.4 px off the rim of a dot of 5 px radius is 8 % of it.
+/// Each region is taken together with so many of those nearest to it, two at a time. Chosen by hand: two of four are the body's also where as much lies between its dots as
+/// there are dots.
+const NEIGHBOURS: usize = 4;
+/// Choices of three regions that are tried in all ways once an assignment stands, to see whether another one is as good. Chosen by hand: of a rival that explains nearly all
+/// regions each choice shows it, of one that explains half of them one in eight.
+const CHOICES_WITH_FIT: usize = 12;
+/// Poses of three dots that one look for the body may compute, as a bound on time: some 18 ms of a core. Measured: a cube with 17 dots, of which 5 to 11 are in view, takes
+/// 4 400 in the median and 22 600 at most (`dots_are_told_apart_from_all_around`).
+const MAX_POSES: usize = 30_000;
+/// How far off all depths together may be that follow from the sizes of ellipses, as share. Chosen by hand: a threshold 0.4 px off the rims of dots of 5 px radius is 8 % of them.
 const DEPTH_SHARE: f64 = 0.12;
-/// How far off the ratio of an ellipse's axes may be from the cosine of its tilt. Chosen by hand: as [`DEPTH_SHARE`] of either axis.
-const RATIO_OFF: f64 = 0.25;
-/// How far the angle between two faces may be off from what the tilts of their dots allow, rad. Chosen by hand: a ratio of axes of 0.88 for 1 is a tilt of 0.5 rad.
-const ANGLE_OFF: f64 = 0.5;
+/// How far off one depth may be beside that, as share: so much, and so many pixels over the longer half axis. Derived: 20 degrees off the axis of the camera an ellipse is longer by up
+/// to 6 %, those of one body by 2 % against each other; the pixels were chosen by hand, three deviations of the size of a region.
+const SIZE_SHARE: f64 = 0.02;
+const SIZE_PX: f64 = 0.3;
+/// The same of the ratio of the axes. Derived: those 6 %, and what a threshold half a pixel off makes of a short axis.
+const RATIO_SHARE: f64 = 0.06;
+const RATIO_PX: f64 = 0.5;
 /// Least cosine of the tilt of a dot that can be seen. Derived: a flatter region is not taken for a dot (`MIN_AXIS_RATIO` of `blob.rs`).
 const LEAST_COSINE: f64 = 0.2;
-/// Distance from a dot of a pose of three within which a region is taken for it, px, and after least squares. Chosen by hand: three centres that are 0.3 px off
-/// put a fourth one off by some px; then regions are as far off as their thresholds make them.
+/// Distance from a dot of a pose of three within which a region is taken for it, px. Chosen by hand: three centres that are 0.3 px off put a fourth one off by some px.
 const NEAR_PX: f64 = 4.0;
+/// The same after least squares. Chosen by hand: regions are then as far off as their thresholds and the lens make them, twice [`MAX_RMS_PX`] and more.
 const FITTED_PX: f64 = 2.0;
 /// Greatest root mean square distance of regions from the dots of their pose, px. Chosen by hand: regions are off by 0.1 to 0.3 px, a lens by some tenths.
 const MAX_RMS_PX: f64 = 0.7;
-/// Least share of the dots turned to the camera that are to be found. Measured (`another_body_is_not_taken_for_this_one`): with 0.45, five dots of a body of another kind
-/// were taken for this one in 4 of 80 images.
+/// Least share of the dots turned to the camera that are to be found. Chosen by hand: some of them may be covered; where half of them may be, five of eight or nine regions of another
+/// body are an assignment by chance more often.
 const MIN_SHARE: f64 = 0.6;
 /// Another assignment of as many dots is as good unless its residual is so many times larger. Chosen by hand: residuals of five dots, four numbers, vary by half.
 const CLEARLY: f64 = 3.0;
@@ -71,9 +81,12 @@ struct BodyCandidate {
     /// Longer half axis, normalized, and the shorter over the longer one.
     axis: f64,
     ratio: f64,
-    /// The angle of its normal to the line of sight by that ratio, rad.
-    tilt: f64,
+    /// How far that may be off.
+    ratio_off: f64,
+    /// The least and the greatest angle of its normal to the line of sight by that ratio, rad.
+    tilt: [f64; 2],
     depth_m: f64,
+    depth_off_m: f64,
 }
 
 /// Which dot each region is, and how well that fits.
@@ -104,6 +117,8 @@ pub(super) struct BodyDots {
     /// Greatest distance of two dots, m.
     extent_m: f64,
     seen: Vec<BodyCandidate>,
+    /// Choices of three regions that were tried.
+    tried: Vec<[usize; 3]>,
     fits: Vec<Assignment>,
     pairs: Vec<Correspondence3>,
 }
@@ -130,6 +145,7 @@ impl BodyDots {
             dot_pairs,
             extent_m,
             seen: Vec::with_capacity(MAX_BODY_CANDIDATES),
+            tried: Vec::with_capacity(MAX_BODY_CANDIDATES * NEIGHBOURS * (NEIGHBOURS - 1) / 2),
             fits: Vec::with_capacity(MAX_FITS),
             pairs: Vec::with_capacity(MAX_BODY_CANDIDATES),
         }
@@ -146,14 +162,14 @@ impl BodyDots {
     ) -> Result<(), TargetStatus> {
         let candidates = candidates.get(..MAX_BODY_CANDIDATES).unwrap_or(candidates);
         self.take(candidates.iter().map(|(_, blob)| blob));
-        self.assign_all();
+        let complete = self.assign_all();
         let better =
             |a: &&Assignment, b: &&Assignment| a.count.cmp(&b.count).then(b.rms_px.total_cmp(&a.rms_px));
         let Some(best) = self.fits.iter().max_by(better) else { return Err(TargetStatus::NoMatch) };
         let as_good = |other: &Assignment| {
             other.count >= best.count && other.rms_px < CLEARLY * best.rms_px && other.contradicts(best)
         };
-        if self.fits.iter().any(as_good) {
+        if !complete || self.fits.len() == MAX_FITS || self.fits.iter().any(as_good) {
             return Err(TargetStatus::Ambiguous);
         }
         chosen.clear();
@@ -204,27 +220,60 @@ impl BodyDots {
             // a lens stretches what is far from its axis; chosen by hand, so that where it folds back nothing is divided by zero
             let scale = camera.pixel_jacobian(&s).determinant().abs().sqrt().max(0.1 * focal_px);
             let axis = major / scale;
-            let ratio = minor / major;
-            BodyCandidate { px, s, axis, ratio, tilt: ratio.min(1.0).acos(), depth_m: radius_m / axis }
+            let (ratio, ratio_off) = (minor / major, RATIO_SHARE + RATIO_PX / major);
+            let tilt = [ratio + ratio_off, ratio - ratio_off].map(|cosine| cosine.clamp(0.0, 1.0).acos());
+            let depth_m = radius_m / axis;
+            let depth_off_m = (SIZE_SHARE + SIZE_PX / major) * depth_m;
+            BodyCandidate { px, s, axis, ratio, ratio_off, tilt, depth_m, depth_off_m }
         }));
     }
 
-    /// All assignments that explain enough dots.
-    fn assign_all(&mut self) {
+    /// The assignments that explain enough dots. Returns whether as many choices of regions were tried as show that no other is as good: a rival explains as many
+    /// regions, so that those of nearly every choice are among its own.
+    fn assign_all(&mut self) -> bool {
         self.fits.clear();
-        let mut left = MAX_POSES;
-        for i in 0..self.seen.len() {
-            for j in i + 1..self.seen.len() {
-                for k in j + 1..self.seen.len() {
-                    if self.are_near_in_depth([i, j, k]) {
-                        self.assign_triple([i, j, k], &mut left);
+        self.tried.clear();
+        let (mut left, mut with_fit) = (MAX_POSES, 0);
+        for seed in 0..self.seen.len() {
+            let neighbours = self.neighbours(seed);
+            for (n, j) in neighbours.iter().enumerate() {
+                for k in neighbours.iter().skip(n + 1) {
+                    let mut regions = [seed, *j, *k];
+                    regions.sort_unstable();
+                    if regions.contains(&usize::MAX)
+                        || self.tried.contains(&regions)
+                        || !self.are_near_in_depth(regions)
+                    {
+                        continue;
+                    }
+                    self.tried.push(regions);
+                    self.assign_triple(regions, &mut left);
+                    with_fit += usize::from(!self.fits.is_empty());
+                    if with_fit >= CHOICES_WITH_FIT {
+                        return true;
                     }
                     if left == 0 {
-                        return;
+                        return false;
                     }
                 }
             }
         }
+        true
+    }
+
+    /// The regions nearest to a region; [`usize::MAX`] in the places of those that there are not.
+    fn neighbours(&self, of: usize) -> [usize; NEIGHBOURS] {
+        let mut nearest = [(f64::INFINITY, usize::MAX); NEIGHBOURS];
+        let Some(seed) = self.seen.get(of) else { return [usize::MAX; NEIGHBOURS] };
+        for (i, other) in self.seen.iter().enumerate().filter(|(i, _)| *i != of) {
+            let mut entry = ((other.s - seed.s).norm_squared(), i);
+            for place in &mut nearest {
+                if entry.0 < place.0 {
+                    std::mem::swap(place, &mut entry);
+                }
+            }
+        }
+        nearest.map(|(_, i)| i)
     }
 
     fn are_near_in_depth(&self, regions: [usize; 3]) -> bool {
@@ -277,12 +326,17 @@ impl BodyDots {
         let (Some(p), Some(q)) = (self.seen.get(i), self.seen.get(j)) else { return false };
         let count = self.dots.len();
         let Some(DotPair { apart2, angle }) = self.dot_pairs.get(a * count + b) else { return false };
-        if *angle > p.tilt + q.tilt + ANGLE_OFF || *angle < (p.tilt - q.tilt).abs() - ANGLE_OFF {
+        // The two lines of sight are as far apart as the regions are in the image.
+        let between2 = (p.s - q.s).norm_squared();
+        let ([p_least, p_most], [q_least, q_most]) = (p.tilt, q.tilt);
+        let (least, most) = ((p_least - q_most).max(q_least - p_most), p_most + q_most);
+        let turned = between2.sqrt();
+        if *angle > most + turned || *angle < least - turned {
             return false;
         }
         let depth_m = 0.5 * (p.depth_m + q.depth_m);
-        let across2 = (p.s - q.s).norm_squared() * depth_m * depth_m;
-        let along = (p.depth_m - q.depth_m).abs() + 2.0 * DEPTH_SHARE * depth_m;
+        let across2 = between2 * depth_m * depth_m;
+        let along = (p.depth_m - q.depth_m).abs() + p.depth_off_m + q.depth_off_m;
         let more = (1.0 + DEPTH_SHARE) * (1.0 + DEPTH_SHARE);
         across2 < *apart2 * more * more && *apart2 < (across2 + along * along) * more
     }
@@ -293,7 +347,7 @@ impl BodyDots {
         let p = (X_CO * dot.p_O).coords;
         let cosine = (X_CO.rotation * dot.inward).dot(&p) / p.norm();
         cosine > LEAST_COSINE
-            && (cosine - seen.ratio).abs() < RATIO_OFF
+            && (cosine - seen.ratio).abs() < seen.ratio_off
             && (seen.axis * p.z / dot.disc.radius_m - 1.0).abs() < 2.0 * DEPTH_SHARE
     }
 
