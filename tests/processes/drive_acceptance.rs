@@ -103,7 +103,7 @@ fn a_lag_is_handed_over_by_the_driver() {
         r.text()
     );
     assert!(
-        r.text().contains("for the drive's lag a joint may be 0.51 rad or m from its reference"),
+        r.text().contains("for the drive's lag a joint may be 0.52 rad or m from its reference"),
         "{}",
         r.text()
     );
