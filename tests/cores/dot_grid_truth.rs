@@ -61,6 +61,8 @@ fn any_grid(dice: &mut Dice, grid: &DotGrid, (low_px, high_px): (f64, f64)) -> S
 enum Around {
     Nothing,
     Discs(usize),
+    /// So many discs of the sizes of the grid's own dots.
+    OwnSizes(usize),
     Mottle(f64),
 }
 
@@ -76,6 +78,11 @@ fn grids_found(around: Around, seed: u64, count: usize, (low_px, high_px): (f64,
             Around::Nothing => {}
             Around::Discs(n) => {
                 scene.clutter = Clutter::discs(&mut dice, n, (3.0, 9.0), [scene.width, scene.height])
+            }
+            Around::OwnSizes(n) => {
+                let pitch_px = 600.0 * grid.pitch_m() / scene.X_CO.translation.z;
+                let radii = (DotGrid::RADIUS * pitch_px, DotGrid::LARGE_RADIUS * pitch_px);
+                scene.clutter = Clutter::discs(&mut dice, n, radii, [scene.width, scene.height])
             }
             Around::Mottle(share) => {
                 let grain_px = dice.within(2.0, 5.0);
@@ -118,7 +125,8 @@ fn grids_found(around: Around, seed: u64, count: usize, (low_px, high_px): (f64,
 fn grids_are_found_whatever_lies_around() {
     let seed = std::env::var("VSERVO_SEED").ok().and_then(|n| n.parse().ok()).unwrap_or(7000);
     let count = 8 * campaign();
-    let around = [Around::Nothing, Around::Discs(40), Around::Discs(200), Around::Mottle(0.05)];
+    let around =
+        [Around::Nothing, Around::Discs(40), Around::Discs(200), Around::OwnSizes(200), Around::Mottle(0.05)];
     let found = (seed..).zip(around).map(|(seed, around)| grids_found(around, seed, count, (11.0, 60.0)));
     let (found, all) = (found.sum::<usize>(), around.len() * count);
     assert!(all - found <= (5 * all / 300).max(1), "{found} of {all}");

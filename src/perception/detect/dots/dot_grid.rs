@@ -123,7 +123,8 @@ impl Lattice {
         found.len() >= 5 && others(|p| p.0) && others(|p| p.1)
     }
 
-    /// The regions that are dots of the grid, with their ids, rising. A grid of which some dot is there twice is ambiguous; what a cover leaves of one grid in two parts is not.
+    /// The regions that are dots of the grid, with their ids, rising. A grid of which some dot is there twice is ambiguous; what a cover leaves of one grid in two parts is not, nor is a grid that is walked again, from a disc beside it:
+    /// then the walk with more dots counts, without those of which the two say different things.
     pub(super) fn find(
         &mut self,
         candidates: &[(f64, Blob)],
@@ -146,10 +147,24 @@ impl Lattice {
                 let dots = if is_first { &mut *chosen } else { &mut another };
                 match self.identify(candidates, dots) {
                     Ok(()) if is_first => found_radius_m = Some(self.radius_m),
-                    Ok(()) if share_an_id(chosen, &another) => {
-                        (found_radius_m, reason) = (None, TargetStatus::Ambiguous);
-                        break;
-                    }
+                    Ok(()) => match shared(chosen, &another) {
+                        // another grid of the same kind
+                        (agree, differ) if agree <= differ && differ > 0 => {
+                            (found_radius_m, reason) = (None, TargetStatus::Ambiguous);
+                            break;
+                        }
+                        // the same grid, walked from something beside it
+                        (agree, _) if agree > 0 => {
+                            if another.len() > chosen.len() {
+                                std::mem::swap(chosen, &mut another);
+                                found_radius_m = Some(self.radius_m);
+                            }
+                            chosen.retain(|(id, blob)| {
+                                place_of(*id, &another).is_none_or(|at| at == place(blob))
+                            });
+                        }
+                        _ => {}
+                    },
                     Err(TargetStatus::Ambiguous) if is_first => reason = TargetStatus::Ambiguous,
                     _ => {}
                 }
@@ -252,9 +267,24 @@ impl Lattice {
     }
 }
 
-/// Whether some id is in both lists, in which ids rise.
-fn share_an_id(one: &[(u32, Blob)], other: &[(u32, Blob)]) -> bool {
-    other.iter().any(|(id, _)| one.binary_search_by_key(id, |(known, _)| *known).is_ok())
+/// How many ids are in both lists, in which ids rise, with the same region, and with different ones.
+fn shared(one: &[(u32, Blob)], other: &[(u32, Blob)]) -> (usize, usize) {
+    let places = one.iter().filter_map(|(id, blob)| Some((place(blob), place_of(*id, other)?)));
+    places.fold(
+        (0, 0),
+        |(agree, differ), (a, b)| if a == b { (agree + 1, differ) } else { (agree, differ + 1) },
+    )
+}
+
+/// Where an id is in a list in which ids rise.
+fn place_of(id: u32, dots: &[(u32, Blob)]) -> Option<[f64; 2]> {
+    let at = dots.binary_search_by_key(&id, |(known, _)| *known).ok()?;
+    dots.get(at).map(|(_, blob)| place(blob))
+}
+
+/// Two dots of one frame's regions are the same region where they have the same centre.
+fn place(blob: &Blob) -> [f64; 2] {
+    [blob.x, blob.y]
 }
 
 /// Factor by which a homography enlarges areas at `r`: the determinant of its derivative.
@@ -264,4 +294,87 @@ fn area_scale(H: &Matrix3<f64>, r: &Vector2<f64>) -> f64 {
     let J = Matrix2::new(H.m11 - s.x * H.m31, H.m12 - s.x * H.m32, H.m21 - s.y * H.m31, H.m22 - s.y * H.m32)
         / h.z;
     J.determinant().abs()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera_model::{Distortion, Intrinsics};
+    use crate::linalg::Random;
+    use std::f64::consts::PI;
+
+    /// A disc's region of radius `r` at `(x, y)`.
+    fn disc(x: f64, y: f64, r: f64) -> (f64, Blob) {
+        let area = PI * r * r;
+        (area, Blob { x, y, covariance: [0.25 * r * r, 0.0, 0.25 * r * r], area })
+    }
+
+    fn lattice() -> (Lattice, DotGrid) {
+        let intrinsics = Intrinsics {
+            fx_px: 600.0,
+            fy_px: 600.0,
+            cx_px: 319.5,
+            cy_px: 239.5,
+            width_px: 640,
+            height_px: 480,
+        };
+        let camera = CameraModel::new(intrinsics, Distortion::default()).unwrap();
+        let grid = DotGrid::with_pitch(7, 5, 0.03).unwrap();
+        (Lattice::new(camera, &grid, 512), grid)
+    }
+
+    /// The grid's dots seen from the front with this pitch, px, about a place.
+    fn dots_of(grid: &DotGrid, pitch_px: f64, (x, y): (f64, f64)) -> Vec<(f64, Blob)> {
+        let scale = pitch_px / grid.pitch_m();
+        let dots = grid.discs();
+        dots.iter()
+            .map(|d| disc(x + scale * d.centre_m.x, y + scale * d.centre_m.y, scale * d.radius_m))
+            .collect()
+    }
+
+    #[test]
+    fn a_grid_walked_from_a_disc_beside_it_stays_one() {
+        let (mut lattice, grid) = lattice();
+        let mut random = Random::new(5);
+        let mut within = |low: f64, high: f64| low + (high - low) * random.uniform();
+        let mut lost = 0;
+        for draw in 0..1000 {
+            let pitch = within(12.0, 40.0);
+            let mut candidates = dots_of(&grid, pitch, (200.0, 150.0));
+            let (wide, high) = (200.0 + 6.0 * pitch, 150.0 + 4.0 * pitch);
+            for _ in 0..40 {
+                let (x, y) = (
+                    within(200.0 - 3.0 * pitch, wide + 3.0 * pitch),
+                    within(150.0 - 3.0 * pitch, high + 3.0 * pitch),
+                );
+                let off = |v: f64, low: f64, high: f64| (low - v).max(v - high).max(0.0);
+                if off(x, 200.0, wide).max(off(y, 150.0, high)) > 0.8 * pitch {
+                    candidates.push(disc(x, y, pitch * within(0.15, 0.35)));
+                }
+            }
+            candidates.sort_unstable_by(|a, b| b.0.total_cmp(&a.0));
+            let mut chosen = Vec::new();
+            let result = lattice.find(&candidates, &mut chosen);
+            assert_ne!(result, Err(TargetStatus::Ambiguous), "draw {draw}");
+            lost += usize::from(result.is_err());
+            for (id, blob) in &chosen {
+                let (column, row) = (f64::from(id % 7), f64::from(id / 7));
+                let off = (blob.x - 200.0 - pitch * column).hypot(blob.y - 150.0 - pitch * row);
+                assert!(off < 1e-9, "draw {draw}: dot {id} is {off} px off");
+            }
+        }
+        // what stands beside the grid by chance can break its lattice
+        assert!(lost <= 5, "{lost} of 1000");
+    }
+
+    #[test]
+    fn two_grids_of_a_kind_are_ambiguous() {
+        let (mut lattice, grid) = lattice();
+        let mut candidates = dots_of(&grid, 20.0, (60.0, 60.0));
+        candidates.extend(dots_of(&grid, 24.0, (300.0, 250.0)));
+        candidates.sort_unstable_by(|a, b| b.0.total_cmp(&a.0));
+        let mut chosen = Vec::new();
+        assert_eq!(lattice.find(&candidates, &mut chosen), Err(TargetStatus::Ambiguous));
+        assert!(chosen.is_empty());
+    }
 }
