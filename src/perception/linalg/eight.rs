@@ -37,11 +37,16 @@ impl Eight {
     /// processors a hundredfold.
     #[inline(always)]
     fn exp_of_negative(self) -> Self {
+        // otherwise products of several would become subnormal, see above
+        self.each(|x| (x * std::f32::consts::LOG2_E).max(-40.0)).two_to()
+    }
+
+    /// `2^t` for `t` from -100 to 100, within 2e-7 of it.
+    #[inline(always)]
+    pub(crate) fn two_to(self) -> Self {
         // 2^t with t = whole + part. Adding 1.5 * 2^23 rounds to the nearest whole number, because a float of that size has no fraction bits
         const MAGIC: f32 = 12_582_912.0;
-        self.each(|x| {
-            // otherwise products of several would become subnormal, see above
-            let t = (x * std::f32::consts::LOG2_E).max(-40.0);
+        self.each(|t| {
             let shifted = t + MAGIC;
             let part = t - (shifted - MAGIC);
             let p = 1.535_336_2e-4;
@@ -52,6 +57,22 @@ impl Eight {
             let p = p * part + 6.931_472e-1;
             let p = p * part + 1.0;
             p * f32::from_bits((shifted.to_bits() << 23).wrapping_add(0x3f80_0000))
+        })
+    }
+
+    /// Logarithms to the base 2 of normal positive numbers, within 3e-7 or that share of them.
+    #[inline(always)]
+    pub(crate) fn log2(self) -> Self {
+        // the bits of the square root of 1/2, so that the mantissa lies about 1
+        const LEAST: u32 = 0x3f35_04f3;
+        self.each(|x| {
+            let whole = (x.to_bits().wrapping_sub(LEAST) as i32) >> 23;
+            let mantissa = f32::from_bits(x.to_bits().wrapping_sub((whole as u32) << 23));
+            // ln m = 2 artanh s, of which the series ends where the next term is below a rounding
+            let s = (mantissa - 1.0) / (mantissa + 1.0);
+            let square = s * s;
+            let series = ((square * (1.0 / 7.0) + 0.2) * square + (1.0 / 3.0)) * square + 1.0;
+            whole as f32 + 2.0 * std::f32::consts::LOG2_E * s * series
         })
     }
 
@@ -123,6 +144,20 @@ impl Neg for Eight {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn powers_and_logarithms_of_two_are_exact() {
+        for i in 0..20_000 {
+            let t = f64::from(i) * 1e-2 - 100.0;
+            let power = f64::from(Eight([t as f32; 8]).two_to().0[2]);
+            // of the argument's own rounding the power has ln 2 times as much
+            let exact = f64::from(t as f32).exp2();
+            assert!((power / exact - 1.0).abs() < 4e-7, "{t}");
+            let x = (0.5 * t).exp2() as f32;
+            let off = f64::from(Eight([x; 8]).log2().0[6]) - f64::from(x).log2();
+            assert!(off.abs() < 3e-7 * f64::from(x).log2().abs().max(1.0), "{x}: {off}");
+        }
+    }
 
     #[test]
     fn step_is_the_integral_of_its_slope() {

@@ -330,14 +330,20 @@ fn read(
 ) -> Result<TagDetection, TagMiss> {
     let (cells, max_wrong) = (family.cells_per_side(), TagFinder::usual_wrong_bits(family));
     let (decoded, corners) = match decode(image, quad, book, family, max_wrong) {
-        Ok(decoded) => {
-            (decoded, meter.refine(image, quad, cells, Some(&decoded.inside)).ok_or(TagMiss::NoEdges)?)
-        }
+        Ok(decoded) => (
+            decoded,
+            meter.refine(image, quad, cells, Some(&decoded.inside), believed).ok_or(TagMiss::NoEdges)?,
+        ),
         Err(NoTag::Border) => return Err(TagMiss::NoBorder),
         Err(_) => {
-            let corners = meter.refine(image, quad, cells, None).ok_or(TagMiss::NoEdges)?;
+            let corners = meter.refine(image, quad, cells, None, believed).ok_or(TagMiss::NoEdges)?;
             let decoded = decode(image, &corners.px, book, family, max_wrong)?;
-            (decoded, meter.refine(image, &corners.px, cells, Some(&decoded.inside)).ok_or(TagMiss::NoEdges)?)
+            (
+                decoded,
+                meter
+                    .refine(image, &corners.px, cells, Some(&decoded.inside), believed)
+                    .ok_or(TagMiss::NoEdges)?,
+            )
         }
     };
     let corners = best_corners(image, &corners, &decoded, believed, whole);

@@ -10,7 +10,7 @@
 //! pixels): where noise alone is left over it equals that of the fit, and where misfit is, it is larger.
 
 use super::plane_map::PlaneMap;
-use super::whole_model::{COUNT, GAMMA, TagJacobian, TagPixels, UNKNOWNS};
+use super::whole_model::{COUNT, GAMMA, RATIO, TagJacobian, TagPixels, UNKNOWNS};
 use crate::imaging::simd::kernel;
 use crate::linalg::Eight;
 use nalgebra::Vector2;
@@ -97,8 +97,8 @@ kernel!(
 fn add_parts_body(last: &LastStep<'_>, sums: &mut [[Eight; UNKNOWNS]; PARTS * PARTS]) {
     let by = last.by.map(|by| by as f32);
     for (row, eight) in last.rows.iter().zip(last.pixels) {
-        // the derivative by the gamma, the last of the unknowns, lies behind the residuals
-        let mut left = row[COUNT] - row[GAMMA] * by[COUNT];
+        // the derivatives by the last two unknowns, gamma and ratio, lie behind the residuals
+        let mut left = row[COUNT] - row[GAMMA] * by[COUNT] - row[RATIO] * by[COUNT + 1];
         for (derivative, by) in row.iter().zip(&by[..COUNT]) {
             left = left - *derivative * *by;
         }
@@ -107,6 +107,7 @@ fn add_parts_body(last: &LastStep<'_>, sums: &mut [[Eight; UNKNOWNS]; PARTS * PA
             *sum = *sum + *derivative * left;
         }
         sums[COUNT] = sums[COUNT] + row[GAMMA] * left;
+        sums[COUNT + 1] = sums[COUNT + 1] + row[RATIO] * left;
     }
 }
 

@@ -12,8 +12,8 @@ use super::pulls::LastStep;
 use super::quad::{Quad, is_sound};
 use super::side::FLOOR_PX;
 use super::whole_model::{
-    BLUR, COLUMNS, CONTRAST, COUNT, GAMMA, GROUND, INK, LIGHT, RowProducts, TagImage, TagJacobian, TagModel,
-    TagPixels, UNKNOWNS, accumulate, field,
+    BLUR, COLUMNS, CONTRAST, COUNT, GAMMA, GROUND, INK, LIGHT, RATIO, RowProducts, TagImage, TagJacobian,
+    TagModel, TagPixels, UNKNOWNS, accumulate, field,
 };
 use crate::imaging::ImageView;
 use crate::linalg::{Eight, Ldlt};
@@ -74,6 +74,12 @@ const SMEAR_FALL: f64 = 1.75;
 const USUAL_LOG_GAMMA: f64 = 0.4;
 const LOG_GAMMA_SD: f64 = 0.4;
 const LOG_GAMMAS: [f64; 2] = [-0.7, 1.4];
+/// The logarithm of the light of paper over that of ink. Up to 30 it follows from their levels and the gamma, as for a camera that subtracts no black level; where
+/// these tell more, which printed ink does not have, it is fitted, with 30 and a factor of e either way as prior. Chosen by hand: printed ink
+/// reflects 3 to 5 % of what paper does; drawn tags have any. Estimates keep within those of 3 and 1000.
+const PRINTED_LOG_RATIO: f64 = 3.4;
+const LOG_RATIO_SD: f64 = 1.0;
+const LOG_RATIOS: [f64; 2] = [1.1, 6.9];
 
 /// Fits tags as a whole. Owns its buffers.
 #[derive(Debug, Clone)]
@@ -139,6 +145,7 @@ impl WholeMeter {
             ground: [0.0; 4],
             clipped_noise: None,
             log_gamma: (believed == Believed::Bent).then_some(USUAL_LOG_GAMMA),
+            log_ratio: None,
         };
         let mut variance = f64::INFINITY;
         // the same pixels in all steps, because the fit might oscillate otherwise
@@ -284,22 +291,28 @@ fn solve(sums: &RowProducts, at: &TagImage, before: f64) -> Option<FitStep> {
     let variance = (squares / sums.count).min(before).max(ROUNDING);
     let mut matrix = [[0.0; UNKNOWNS]; UNKNOWNS];
     let mut right = [0.0; UNKNOWNS];
-    let (last, by_gamma) = (sums.products.get(COUNT)?, sums.products.get(GAMMA)?);
-    let rows = sums.products.get(..COUNT)?.iter().chain([by_gamma]);
+    let (last, by_gamma, by_ratio) =
+        (sums.products.get(COUNT)?, sums.products.get(GAMMA)?, sums.products.get(RATIO)?);
+    let rows = sums.products.get(..COUNT)?.iter().chain([by_gamma, by_ratio]);
     for (to, from) in matrix.iter_mut().zip(rows) {
         to.get_mut(..COUNT)?.copy_from_slice(from.get(..COUNT)?);
+        // behind the residuals
+        to.get_mut(COUNT..)?.copy_from_slice(from.get(GAMMA..=RATIO)?);
     }
-    *matrix.last_mut()?.last_mut()? = *by_gamma.get(GAMMA)?;
     right.get_mut(..COUNT)?.copy_from_slice(last.get(..COUNT)?);
-    // the prior of the gamma enters as a further equation; a gamma that is not fitted has no products and stays unchanged
-    let known = variance / LOG_GAMMA_SD.powi(2);
-    *right.last_mut()? =
-        *by_gamma.get(COUNT)? + at.log_gamma.map_or(0.0, |log| known * (USUAL_LOG_GAMMA - log));
+    // the priors of gamma and ratio enter as further equations; one that is not fitted has no products and stays unchanged
+    let priors =
+        [(at.log_gamma, USUAL_LOG_GAMMA, LOG_GAMMA_SD), (at.log_ratio, PRINTED_LOG_RATIO, LOG_RATIO_SD)];
+    let known = priors.map(|(_, _, sd)| variance / (sd * sd));
+    let pulls = priors.map(|(at, usual, sd)| at.map_or(0.0, |at| variance * (usual - at) / (sd * sd)));
+    for ((right, products), pull) in right.iter_mut().skip(COUNT).zip([by_gamma, by_ratio]).zip(pulls) {
+        *right = products.get(COUNT)? + pull;
+    }
     // where cells are wide the ground hardly contributes: its prior is the paper, with the contrast as standard deviation
     let guess = variance / at.contrast.powi(2);
     let damping = std::array::from_fn(|i| match i {
         0..GROUND => 0.0,
-        COUNT => known,
+        COUNT.. => known[i - COUNT],
         _ => guess,
     });
     let factors = Ldlt::new(&matrix, &damping)?;
@@ -341,6 +354,10 @@ fn add(tag_image: &mut TagImage, by: &[f64; UNKNOWNS]) -> bool {
     }
     let [least, most] = LOG_GAMMAS;
     tag_image.log_gamma = tag_image.log_gamma.map(|log| (log + to[COUNT]).clamp(least, most));
+    let told = tag_image.log_gamma.map_or(0.0, |log| tag_image.told_log_ratio(log));
+    let [least, most] = LOG_RATIOS;
+    tag_image.log_ratio = (told > PRINTED_LOG_RATIO)
+        .then(|| (tag_image.log_ratio.unwrap_or(PRINTED_LOG_RATIO) + to[COUNT + 1]).clamp(least, most));
     tag_image.contrast > MIN_CONTRAST
 }
 

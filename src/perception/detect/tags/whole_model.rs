@@ -31,10 +31,12 @@ pub(super) const GROUND: usize = 15;
 pub(super) const COUNT: usize = 19;
 /// Column of the gamma's logarithm, behind that of the residuals; it is fitted where the camera's response is not known.
 pub(super) const GAMMA: usize = COUNT + 1;
-/// All that is fitted; the logarithm of the camera's gamma is the last.
-pub(super) const UNKNOWNS: usize = COUNT + 1;
+/// Column of the logarithm of the light of paper over that of ink; it is fitted where these levels may not tell it, because the camera subtracts a black level.
+pub(super) const RATIO: usize = GAMMA + 1;
+/// All that is fitted; the logarithms of the camera's gamma and of the ratio of light are the last.
+pub(super) const UNKNOWNS: usize = COUNT + 2;
 /// Column of the root of a pixel's weight: 1, or less where it is clipped.
-const WEIGHT: usize = GAMMA + 1;
+const WEIGHT: usize = RATIO + 1;
 /// Columns: those of all that is fitted and of the residuals, and as many more as are needed because they are summed by fours.
 pub(super) const COLUMNS: usize = 24;
 
@@ -63,7 +65,8 @@ impl TagPixels {
         Self { x: Eight::ZERO, y: Eight::ZERO, level: Eight::ZERO, weight: Eight::ZERO };
 }
 
-/// Derivatives of eight pixels' levels by the parameters; at [`COUNT`] the residuals, and at [`GAMMA`] the derivative by the gamma's logarithm.
+/// Derivatives of eight pixels' levels by the parameters; at [`COUNT`] the residuals, at [`GAMMA`] and [`RATIO`] the
+/// derivatives by these logarithms.
 pub(super) type TagJacobian = [Eight; COLUMNS];
 
 /// Normal equations: sums of products of the columns of [`TagJacobian`], of which the lower triangle is valid, and the number of pixels.
@@ -99,6 +102,16 @@ pub(super) struct TagImage {
     pub(super) clipped_noise: Option<f64>,
     /// Logarithm of the camera's gamma where it is unknown; `None` where levels are proportional to light.
     pub(super) log_gamma: Option<f64>,
+    /// Logarithm of the light of paper over that of ink where it is a parameter of its own; `None` where their levels tell it.
+    pub(super) log_ratio: Option<f64>,
+}
+
+impl TagImage {
+    /// The logarithm of the light of paper over that of ink as their levels and a gamma tell it, for a camera that subtracts no black level.
+    pub(super) fn told_log_ratio(&self, log_gamma: f64) -> f64 {
+        let ink = self.ink.max(1.0);
+        log_gamma.exp() * ((ink + self.contrast) / ink).max(1.0).ln()
+    }
 }
 
 /// The parameters in single precision, prepared for the evaluation of pixels.
@@ -110,8 +123,8 @@ pub(super) struct TagModel<'a> {
     blur: [f32; 3],
     ink: f32,
     contrast: f32,
-    /// Derivatives of the logarithm of paper / ink by ink and contrast.
-    log_ratio_by: [f32; 2],
+    /// Derivatives of the logarithm of the ratio of light by ink, contrast, the gamma's logarithm, and itself where it is a parameter.
+    log_ratio_by: [f32; 4],
     light: [f32; 2],
     ground: [f32; 4],
     /// Response of the camera, where a gamma is fitted.
@@ -160,9 +173,15 @@ impl<'a> TagModel<'a> {
         if !beside.iter().all(|b| *b >= 1.0 && *b <= f64::from(MAX_BESIDE)) {
             return None;
         }
-        // a camera that subtracts a black level leaves no ratio of light
+        let told = tag_image.told_log_ratio(tag_image.log_gamma.unwrap_or(0.0));
+        // a level of ink below one tells no ratio
         let ink = tag_image.ink.max(1.0);
         let paper = ink + tag_image.contrast;
+        let gamma = tag_image.log_gamma.unwrap_or(0.0).exp();
+        let log_ratio_by = match tag_image.log_ratio {
+            Some(_) => [0.0, 0.0, 0.0, 1.0],
+            None => [gamma * (1.0 / paper - 1.0 / ink), gamma / paper, told, 0.0],
+        };
         Some(Self {
             pattern,
             back: tag_image.back.about(tag_image.origin).map(|v| v as f32),
@@ -172,8 +191,8 @@ impl<'a> TagModel<'a> {
             contrast: tag_image.contrast as f32,
             light: tag_image.light.map(|v| v as f32),
             ground: tag_image.ground.map(|v| v as f32),
-            curve: tag_image.log_gamma.map(|log| LevelCurve::new(log, paper / ink)),
-            log_ratio_by: [1.0 / paper - 1.0 / ink, 1.0 / paper].map(|by| by as f32),
+            curve: tag_image.log_gamma.map(|log| LevelCurve::new(log, tag_image.log_ratio.unwrap_or(told))),
+            log_ratio_by: log_ratio_by.map(|by| by as f32),
             beside: beside.map(|b| b as i32),
             // infinite before the first step: any finite number above 255^2 would do
             max_square: max_square.min(1e12) as f32,
@@ -211,11 +230,11 @@ impl<'a> TagModel<'a> {
                 value: white.value,
                 slope: Eight([1.0; 8]),
                 by_log_gamma: Eight::ZERO,
-                by_log_ratio: Eight::ZERO,
+                by_log_light: Eight::ZERO,
             },
         };
-        let (slope, by_ratio) = (shown.slope * self.contrast, shown.by_log_ratio * self.contrast);
-        let [by_ink, by_contrast] = self.log_ratio_by;
+        let (slope, by_ratio) = (shown.slope * self.contrast, shown.by_log_light * self.contrast);
+        let [by_ink, by_contrast, by_gamma, by_itself] = self.log_ratio_by;
         let mut raw = shown.value * self.contrast + self.ink;
         for (share, ground) in beyond.iter().zip(self.ground) {
             raw = raw + *share * ground;
@@ -265,9 +284,9 @@ impl<'a> TagModel<'a> {
             above,
             below,
             residual * weight,
-            lit * shown.by_log_gamma * self.contrast,
+            lit * (shown.by_log_gamma * self.contrast + by_ratio * by_gamma),
+            lit * by_ratio * by_itself,
             weight,
-            Eight::ZERO,
             Eight::ZERO,
         ]
     }
@@ -396,7 +415,7 @@ fn accumulate_body(
         sums.count += f64::from(counted.sum());
         let rows = &rows[..chunk.len()];
         // eight independent sums at once, so that additions need not wait for each other
-        let last = if model.curve.is_some() { GAMMA } else { COUNT };
+        let last = if model.curve.is_some() { RATIO } else { COUNT };
         for i in (0..=last).step_by(2) {
             for k in (0..=i).step_by(4) {
                 let mut block = [[Eight::ZERO; 4]; 2];

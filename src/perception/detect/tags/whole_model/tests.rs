@@ -31,6 +31,7 @@ fn tag_image(corners: &[Vector2<f64>; 4]) -> TagImage {
         ground: [-60.0, 20.0, -90.0, 10.0],
         clipped_noise: None,
         log_gamma: Some(0.6),
+        log_ratio: None,
     }
 }
 
