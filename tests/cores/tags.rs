@@ -62,6 +62,7 @@ struct Kind {
     blur_px: f64,
     motion_px: f64,
     noise: f64,
+    dark: f64,
     light: f64,
     gradient: f64,
     /// Of the camera, and the one that is undone before anything is measured.
@@ -79,6 +80,7 @@ const USUAL: Kind = Kind {
     blur_px: 0.7,
     motion_px: 0.0,
     noise: 2.0,
+    dark: 40.0,
     light: 200.0,
     gradient: 1.0,
     gamma: 1.0,
@@ -119,6 +121,7 @@ fn look_at(kind: &Kind, views: usize, times: usize, dice: &mut Dice) -> Honesty 
         let look = Look {
             blur_px: kind.blur_px,
             noise: kind.noise,
+            dark: kind.dark,
             light: kind.light,
             gradient: kind.gradient,
             gamma: kind.gamma,
@@ -223,6 +226,32 @@ fn an_unknown_response_is_in_what_is_stated() {
             let (rms, chi2) = (seen.rms_px(), seen.normalized());
             println!("{side_px:?} px, blur {blur_px}, gamma {gamma}: rms {rms:.4} px, {chi2:.2}");
             assert!(seen.seen >= 0.9 * seen.views && rms < 0.045, "{kind:?}: {rms} px");
+            let honest = 0.8 * (1.0 - chance)..1.25 * (1.0 + chance);
+            assert!(honest.contains(&chi2), "normalized square {chi2}, {kind:?}");
+            sum += chi2;
+            kinds += 1.0;
+        }
+        let mean: f64 = sum / kinds;
+        println!("{side_px:?} px: {mean:.2}");
+        assert!((0.8..1.25).contains(&mean), "normalized square {mean} of {side_px:?} px");
+    }
+}
+
+/// A strong signal and ink that is darker than print: an edge bent by a gamma reaches far into such ink, and small tags tell how dark it is.
+#[test]
+fn an_unknown_response_with_a_strong_signal_is_honest() {
+    let count = 30 * campaign();
+    let chance = 4.0 * (2.0 / (4.0 * count as f64)).sqrt();
+    for (side_px, blur_px) in [((24.0, 60.0), 0.9), ((60.0, 130.0), 0.8), ((90.0, 125.0), 1.1)] {
+        let (mut sum, mut kinds) = (0.0, 0.0);
+        for (gamma, light_ratio) in [(1.8, 60.0), (2.2, 60.0), (2.2, 200.0), (2.4, 30.0)] {
+            let dark = 200.0 / light_ratio;
+            let kind =
+                Kind { side_px, blur_px, gamma, noise: 0.8, dark, unknown: true, exact: true, ..USUAL };
+            let seen = look_at(&kind, count, 1, &mut Dice(4400 + (10.0 * gamma) as u64));
+            let (rms, chi2) = (seen.rms_px(), seen.normalized());
+            println!("{side_px:?} px, gamma {gamma}, light {light_ratio}: rms {rms:.4} px, {chi2:.2}");
+            assert!(seen.seen >= 0.85 * seen.views && rms < 0.02, "{kind:?}: {rms} px");
             let honest = 0.8 * (1.0 - chance)..1.25 * (1.0 + chance);
             assert!(honest.contains(&chi2), "normalized square {chi2}, {kind:?}");
             sum += chi2;
