@@ -45,18 +45,23 @@ struct DetectedImage {
     /// Dots that are covered or lit in part.
     harmed: Vec<u32>,
     growth: Growth,
+    readout_motion_px: Option<f64>,
 }
 
 impl DetectedImage {
     /// What the image cannot tell, or tells by a part alone.
     fn note(&self) -> Option<String> {
-        let ids = self.harmed.iter().map(u32::to_string).collect::<Vec<_>>().join(" ");
-        let harmed = format!("covered or lit in part, and measured by the rest of the rim: {ids}");
-        match (self.note, self.harmed.is_empty()) {
-            (note, true) => note.map(Into::into),
-            (None, false) => Some(harmed),
-            (Some(note), false) => Some(format!("{note}; {harmed}")),
+        let mut notes: Vec<String> = self.note.map(Into::into).into_iter().collect();
+        if !self.harmed.is_empty() {
+            let ids = self.harmed.iter().map(u32::to_string).collect::<Vec<_>>().join(" ");
+            notes.push(format!("covered or lit in part, and measured by the rest of the rim: {ids}"));
         }
+        if let Some(px) = self.readout_motion_px {
+            notes.push(format!(
+                "as if something moved by some {px:.1} px while the rows were exposed one after the other, or lens or target are others: the pose is so much less sure"
+            ));
+        }
+        (!notes.is_empty()).then(|| notes.join("; "))
     }
 }
 
@@ -155,6 +160,7 @@ impl ImageDetector {
                     note: None,
                     harmed: Vec::new(),
                     growth: Growth::NONE,
+                    readout_motion_px: None,
                 })
             }
         }
@@ -174,6 +180,7 @@ fn seen(vision: &mut Vision, image: &ImageView<'_>, calibrated: bool) -> Result<
         note: None,
         harmed: still.harmed.to_vec(),
         growth: still.growth,
+        readout_motion_px: still.readout_motion_px,
     });
     detected.map_err(|status| Missed(status, vision.missed_in_words(status)))
 }

@@ -24,6 +24,9 @@ pub(super) struct ImageAnswer {
     /// The variance of points over the one that noise explains, where they do not fit the pose as they should.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) misfit: Option<f64>,
+    /// By how much something seems to have moved while rows were exposed one after the other, px from the first row to the last.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) readout_motion_px: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) tags: Option<Vec<TagOut>>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -143,6 +146,7 @@ impl ImageAnswer {
             other_pose: None,
             reprojection_rms_px: None,
             misfit: None,
+            readout_motion_px: None,
             tags: None,
             segments: None,
             ellipses: None,
@@ -182,6 +186,7 @@ impl ImageAnswer {
             other_pose: other,
             reprojection_rms_px: seen.rms_px,
             misfit: (seen.growth != Growth::NONE).then_some(seen.growth.points),
+            readout_motion_px: seen.readout_motion_px,
             tags: (!seen.tags.is_empty()).then(|| seen.tags.iter().map(Into::into).collect()),
             segments: None,
             ellipses: None,

@@ -52,7 +52,7 @@ pub(super) struct FrameEstimate {
     /// Images of the points' centres, px, in the same order.
     pub(super) px: Vec<Vector2<f64>>,
     /// The points of the object and in the image, likewise.
-    pairs: Vec<Correspondence3>,
+    pub(super) pairs: Vec<Correspondence3>,
     /// The same of a plane, while a solution for planes has them.
     plane: Vec<Correspondence>,
     /// Of three dots only a guess, with which their centres are put right: they leave up to four poses.

@@ -1,14 +1,16 @@
 //! Detection and pose in a single image, without tracking: what `vservo detect` reports.
 //!
-//! Data flow: search of the whole image, examination for partial occlusion, pose with its ambiguity, misfit; see [`Vision::process`] for sequences.
+//! Data flow: search of the whole image, examination for partial occlusion, pose with its ambiguity, misfit, motion during the readout; see [`Vision::process`] for sequences.
 
+use super::frame_estimate::FrameEstimate;
+use super::readout_motion::ReadoutMotion;
 use super::{Growth, Prior, Vision};
 use crate::detect::Detection;
 use crate::detect::tags::TagDetection;
 use crate::imaging::ImageView;
 use crate::messages::TargetStatus;
 use crate::pose::RefinedPose;
-use nalgebra::Vector2;
+use nalgebra::{Matrix6, Vector2};
 
 /// Detections and pose of a single image.
 #[derive(Debug, Clone, Copy)]
@@ -27,6 +29,9 @@ pub struct ImageResult<'a> {
     pub consistent: bool,
     /// Factors on the variances of points and pose by the misfit; the pose's covariance contains its factor already.
     pub growth: Growth,
+    /// Where the points look as if the target, or the camera, moved while rows were exposed one after the other: by about so many px from the first row to the last. The covariance
+    /// of the poses contains it.
+    pub readout_motion_px: Option<f64>,
     /// Ids of dots that are partly occluded or unevenly lit, and were measured by the rest of their rims.
     pub harmed: &'a [u32],
     /// All tags in the image, where the target is made of tags.
@@ -44,15 +49,22 @@ impl Vision {
         self.estimator.describe(estimate, &self.finder, &Prior::default(), None, &[]);
         self.estimator.leave_out_strays(estimate, &self.finder);
         let growth = estimate.growth();
-        if let Some(pose) = &mut estimate.pose {
-            pose.covariance *= growth.pose;
-        }
-        if let Some((pose, log_ratio)) = &mut estimate.other {
-            pose.covariance *= growth.pose;
+        let FrameEstimate { pairs, dots, pose, other, .. } = estimate;
+        let mut enlarge = |pose: &mut RefinedPose| {
+            let motion = ReadoutMotion::of(pose, pairs, dots, &self.estimator.camera);
+            pose.covariance =
+                pose.covariance * growth.pose + motion.map_or(Matrix6::zeros(), |m| m.covariance);
+            motion.map(|motion| motion.px)
+        };
+        // three points leave nothing that a motion could explain
+        let readout_motion_px = pose.as_mut().filter(|_| dots.len() > 3).and_then(&mut enlarge);
+        if let Some((pose, log_ratio)) = other {
+            enlarge(pose);
             *log_ratio /= growth.points;
         }
         Ok(ImageResult {
             growth,
+            readout_motion_px,
             found: &estimate.dots,
             px: &estimate.px,
             pose: estimate.pose.as_ref().filter(|_| estimate.dots.len() > 3),
@@ -82,6 +94,7 @@ impl Vision {
             rms_px: f64::NAN,
             consistent: true,
             growth: Growth::NONE,
+            readout_motion_px: None,
             harmed: &self.harmed,
             tags: self.finder.tags(),
         })

@@ -54,6 +54,7 @@ mod image_result;
 mod mirrored;
 mod misfit;
 mod pose_approach;
+mod readout_motion;
 mod steady_misfit;
 mod stereo;
 mod target_choice;
