@@ -239,7 +239,6 @@ impl DrivePorts<'_> {
                     warn!(wanted = tick, got = state.tick, "the external drive is out of step");
                     return Ok(WaitOutcome::Failed(DriveFault::OutOfStep));
                 }
-                self.words.take()?;
                 self.robot = RobotState::from_code(state.robot_state);
                 let _ = self.received.push(*state);
                 return Ok(WaitOutcome::Here);
@@ -269,6 +268,11 @@ impl DrivePorts<'_> {
         let taken = self.take_states();
         let told = self.words.take();
         sent.and(waited).and(taken).and(told).and(self.send())
+    }
+
+    /// Lockstep: takes what the drive says beside its states, without which the arm can be braked.
+    pub(super) fn take_words(&mut self) -> Result<(), ProcessError> {
+        self.words.take()
     }
 
     /// What the drive says, for who asks how things stand.
