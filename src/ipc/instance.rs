@@ -337,7 +337,7 @@ impl Instance {
         }
     }
 
-    /// Removes what dead processes of this instance left in shared memory, unless a living one plays any other role
+    /// Removes what dead processes of this instance left in shared memory, and clients that are stopped, unless a living one plays any other role
     /// or has joined the transport. To be called at the start by the holder of a role, and at the end by every process.
     pub fn remove_leftovers(&self, own: Option<Role>) {
         // All other roles are held meanwhile: nobody can start in a directory that is about to vanish.
@@ -364,11 +364,21 @@ impl Instance {
         let Ok(config) = self.transport_config() else { return false };
         let mut living = false;
         let listed = Node::<ipc::Service>::list(&config, |state| {
-            living |= matches!(state, NodeState::Alive(_));
+            // A client that is stopped cannot leave by itself, and would leave its files to the next run of that name if it was killed then.
+            let pid = state.node_id().pid::<ipc::Service>();
+            let is_there = pid.map_or(true, |pid| !is_stopped(pid.value()));
+            living |= matches!(state, NodeState::Alive(_)) && is_there;
             CallbackProgression::Continue
         });
         living && listed.is_ok()
     }
+}
+
+/// Whether process `pid` has been stopped, as by Ctrl-Z.
+fn is_stopped(pid: i32) -> bool {
+    // After the name, which may have spaces and brackets, comes the state.
+    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat"));
+    stat.is_ok_and(|stat| stat.rsplit(") ").next().is_some_and(|rest| rest.starts_with('T')))
 }
 
 #[cfg(test)]

@@ -148,8 +148,8 @@ pub enum ProcessError {
     DriveProperties(#[from] crate::drive::DrivePropertiesError),
     /// The external drive says that the arm is where no arm is, or moves as none does.
     #[error(
-        "the external drive's first state has {joint} at {q} rad or m, moving with {qd} rad/s or m/s: no arm does that; \
-         see to what the drive sends"
+        "the external drive's first state has {joint} at {q} rad or m, moving with {qd} rad/s or m/s: no arm does that (it may move \
+         with {limit}); see to what the drive sends, and in which units"
     )]
     DriveState {
         /// What the joint is called.
@@ -158,6 +158,8 @@ pub enum ProcessError {
         q: f64,
         /// Its velocity.
         qd: f64,
+        /// The velocity that it may have.
+        limit: f64,
     },
     /// The external drive does not take the commands that it is to be given.
     #[error("drive.mode: the external drive does not take {mode} commands; it takes: {takes}")]

@@ -13,8 +13,9 @@ use crate::report::summary::Summary;
 use crate::source::load_image;
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, GrayImage, ImageEncoder};
+use rustix::fs::statvfs;
 use std::fmt::Write;
-use std::io::ErrorKind;
+use std::io::Error;
 use std::path::{Path, PathBuf};
 
 /// Largest width of the images in the page; the files beside it have full size. Chosen by hand: the width of a page on a screen.
@@ -72,15 +73,23 @@ pub fn write(
     folder.write(PAGE, run_page(&RunRecord { images, facts, ..record }))?;
     // A run that was over before it began has nothing to show.
     let Some(name) = missing.first().filter(|_| summary.ticks > 0) else { return report.publish() };
-    let absent = |folder: &Path| {
-        Err(ProcessError::Write { path: folder.join(name), cause: ErrorKind::NotFound.into() })
-    };
+    let absent =
+        |folder: &Path| Err(ProcessError::Write { path: folder.join(name), cause: not_left(folder) });
     // What is there of it is better than nothing, and worse than an earlier report that is whole.
     if report.replaces() {
         absent(report.target())
     } else {
         absent(report.publish()?.with_file_name("").as_path())
     }
+}
+
+/// Why a file is not there that another process should have left in `folder`: as a rule there was no room for it.
+fn not_left(folder: &Path) -> Error {
+    let there = if folder.exists() { folder } else { Path::new(".") };
+    let left = statvfs(there).map(|s| s.f_bavail.saturating_mul(s.f_frsize) / 1024);
+    let left = left.map_or(String::new(), |kib| format!(" ({kib} KiB are left now: df {})", there.display()));
+    let said = "it is not whole, as a message above says: the disk was full, where that has no other reason";
+    Error::other(format!("{said}{left}"))
 }
 
 /// All of it that is known without the files.

@@ -276,6 +276,7 @@ impl TestDrive {
             "position_only" => m.modes = CommandMode::Position.bit(),
             "three_joints" => m.joints = 3,
             "endless_speed" => m.qd[0] = f64::INFINITY,
+            "absurd_speed" => m.qd[0] = 100.0,
             "absurd_place" => m.q[0] = 1e200,
             "time_of_day" => m.stamp = m.stamp + SpanNs(1_700_000_000_000_000_000),
             "swapped" => {

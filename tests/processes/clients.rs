@@ -88,6 +88,35 @@ fn clients_that_hang_and_hold_every_slot_keep_no_stop_out() {
     assert_eq!(daemon.ended().0, Some(0));
 }
 
+/// A client that is stopped cannot leave: its files go with the run, whether it is killed afterwards or goes on.
+#[test]
+fn stopped_clients_leave_nothing_behind_a_run() {
+    for signal in ["KILL", "CONT"] {
+        let daemon = Daemon::start("clients-left", &["--clock", "lockstep"]);
+        let control = wait_for_process(&daemon.instance, "control");
+        kill(control, "STOP");
+        let nodes = daemon.instance.directory().join("nodes");
+        let joined = || std::fs::read_dir(&nodes).map_or(0, Iterator::count);
+        let before = joined();
+        let mut asks = client(&daemon, "status", "60");
+        wait_until("the client to have joined", || joined() > before);
+        std::thread::sleep(Duration::from_millis(100));
+        kill(asks.id() as i32, "STOP");
+        kill(control, "CONT");
+        daemon.accepts("shutdown");
+        let began = now();
+        let Daemon { instance, mut process } = daemon;
+        assert_eq!(process.wait().unwrap().code(), Some(0));
+        assert!(now() - began < SpanNs(2_000_000_000), "bounded");
+        let left = instance.leftovers();
+        assert!(left.is_empty(), "{left:?}");
+        kill(asks.id() as i32, signal);
+        let began = now();
+        asks.wait().unwrap();
+        assert!(now() - began < SpanNs(5_000_000_000), "one that goes on hears that nobody is there");
+    }
+}
+
 #[test]
 fn as_many_clients_as_come_at_once_are_answered() {
     let daemon = Daemon::start("clients-many", &[]);

@@ -257,6 +257,7 @@ fn a_drive_that_does_not_fit_is_refused_before_anything_moves() {
         ("position_only", "does not take torque commands; it takes: position"),
         ("three_joints", "has 3 joints, the robot of the run file 4"),
         ("endless_speed", "no arm does that"),
+        ("absurd_speed", "moving with 100 rad/s or m/s: no arm does that"),
         ("absurd_place", "no arm does that"),
     ] {
         let r = external("unfit", behaviour, &LOCKSTEP);

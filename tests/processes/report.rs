@@ -308,7 +308,32 @@ fn a_full_disk_is_told_and_changes_nothing() {
     let (out, err) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
     assert!(out.contains("outcome       converged") && out.contains("code 3\n"), "{out}{err}");
     assert!(err.contains("trace.csv") && err.contains("cannot be written"), "{err}");
-    assert!(!err.contains("panicked"), "{err}");
+    assert!(!err.contains("panicked") && !err.contains("entity not found"), "{err}");
+}
+
+/// What control was to leave is not there while there is room again: the sentence says what there was too little of, and where to look.
+#[test]
+fn what_control_had_no_room_for_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let instance = Instance::new("reportroom");
+    let lines = format!(
+        "mount -t tmpfs -o size=4m tmpfs {0} || exit 77
+         $VSERVO run --clock lockstep --duration-s 12 --set goal.hold_s=11 --instance {1} --report {0}/r",
+        folder.path().display(),
+        instance.name
+    );
+    let output = Command::new("unshare")
+        .args(["-m", "sh", "-c", &lines])
+        .env("VSERVO", env!("CARGO_BIN_EXE_vservo"))
+        .output();
+    let Some(output) = output.ok().filter(|o| o.status.code() != Some(77) && !o.stdout.is_empty()) else {
+        return println!("skipped: needs root, and unshare and mount");
+    };
+    let (out, err) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    assert!(out.contains("outcome       "), "the run is what it would be: {out}{err}");
+    let told = err.lines().rfind(|line| line.starts_with("vservo: ")).unwrap_or_default();
+    assert!(told.contains("trace.csv: cannot be written") && told.contains("the disk was full"), "{err}");
+    assert!(told.contains("KiB are left now: df ") && told.contains("free some space"), "{err}");
 }
 
 /// What a browser says of a page in one scheme of colours; `None` without a browser.

@@ -219,7 +219,7 @@ mod tests {
             for _ in 0..200 {
                 let (motion, [with, without]) = seen(&mut random, motion_px);
                 if let Some(motion) = motion {
-                    assert!(motion.px > 0.05 * motion_px && motion.px < 20.0 * motion_px, "{}", motion.px);
+                    assert!(motion.px > 0.02 * motion_px && motion.px < 20.0 * motion_px, "{}", motion.px);
                     told += 1;
                 }
                 beyond += usize::from(with > 4.0);

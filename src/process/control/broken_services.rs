@@ -8,9 +8,9 @@
 use super::run;
 use crate::config::Clock;
 use crate::config::Config;
-
+use crate::control::lifecycle::Request;
 use crate::ipc::{Channel, Instance, Services, breakage};
-use crate::messages::{CameraId, DriveCommandMsg, DriveStateMsg, Measurement, drive_flag};
+use crate::messages::{CameraId, ControlCommand, DriveCommandMsg, DriveStateMsg, Measurement, drive_flag};
 use crate::process::{ProcessError, StopFlag, frame_shape};
 use crate::rt;
 use crate::sim::perfect_measurement;
@@ -74,7 +74,9 @@ impl FakeCell {
         let states = services.drive_state_sender().unwrap();
         let _camera = services.frame_sender(CameraId::FIRST, frame_shape(&self.config)).unwrap();
         let vision = services.measurement_sender(CameraId::FIRST).unwrap();
-        let _listener = services.trace_receiver().unwrap(); // where nobody listens nothing is sent
+        // Where nobody listens nothing is sent.
+        let _listeners = (services.trace_receiver().unwrap(), services.request_recorder().unwrap());
+        let mut asked = None;
         let schedule = self.config.camera.schedule;
         let mut heard = rt::now();
         while !self.record.last && rt::now() - heard < SpanNs(10_000_000_000) {
@@ -98,6 +100,11 @@ impl FakeCell {
                 }
                 if qd_r.amax() > MOVES {
                     self.moves.store(true, Ordering::Relaxed);
+                    // What is answered is recorded, whatever the answer is.
+                    asked = asked.or_else(|| {
+                        let client = services.command_client().ok()?;
+                        client.ask(ControlCommand::of(Request::Set as u32)).ok().map(|asked| (asked, client))
+                    });
                 }
             }
         }
@@ -166,7 +173,9 @@ fn an_arm_is_braked_to_the_end_whatever_service_fails() {
             (Channel::JointState, for_good),
             (Channel::Trace, for_good),
             (Channel::Status, for_good),
+            (Channel::Request, for_good),
             (Channel::DriveState, for_good),
+            (Channel::DriveText, for_good),
             (Channel::DriveCommand, 1), // for good, nothing could reach the drive
         ] {
             let (end, record) = broken(service, clock, uses);

@@ -14,9 +14,11 @@ use super::drive_words::DriveWords;
 use super::stops::Stops;
 use crate::config::Config;
 use crate::config::{Clock, DriveKind, Task};
+use crate::control::safety::ABSURD_SPEED;
 use crate::drive::{CommandMode, DriveFault, DriveProperties, ExternalDrive};
 use crate::ipc::{DrivePresence, Receiver, Sender, Spin, WakeListener};
 use crate::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, RobotState, drive_flag};
+use crate::motion::MotionLimits;
 use crate::process::{LONGEST_SPIN, LONGEST_WAIT, Membership, ProcessError};
 use crate::robot::{POSITION_RAD_OR_M, joint_in_words};
 use crate::rt::now;
@@ -26,8 +28,6 @@ use rtrb::{Consumer, Producer, RingBuffer};
 use std::time::Duration;
 use tracing::{info, warn};
 
-/// The fastest joint that a robot file may have. Chosen by hand, beyond every robot.
-const FASTEST_RAD_S_OR_M_S: f64 = 1e3;
 /// States that wait for a tick. Chosen by hand: the newest one alone is used, and a companion that lags more ticks must have stopped.
 const STATES: usize = 64;
 /// Commands that wait for the companion: a quarter of a second. Chosen by hand; a command that finds no room is counted as lost.
@@ -80,6 +80,8 @@ pub(super) struct DrivePorts<'a> {
     /// What the newest state tells of the robot.
     robot: RobotState,
     words: DriveWords,
+    /// How fast each joint may be, rad/s or m/s.
+    speeds: Vec<f64>,
     wake_listener: WakeListener,
     answer_timeout: SpanNs,
     spin: Spin,
@@ -103,8 +105,11 @@ pub(super) fn open<'a, const N: usize>(
     let q_start: SVector<f64, N> = crate::config::assemble::q_start(config)?;
     let lost_commands = Lost::default();
     let link = Box::new(Rings { states, commands, lost_commands: lost_commands.clone() });
+    let robot = config.robot.build::<N>()?;
+    let limits = MotionLimits::of(&robot, SVector::zeros(), SVector::zeros());
+    let speeds = (0..N).map(|i| limits.speed(i)).collect();
     let drive = ExternalDrive::new(link, config.drive.mode, timeout, q_start)
-        .with_contents(config.drive.torque_contains, config.robot.build()?);
+        .with_contents(config.drive.torque_contains, robot);
     let words = DriveWords::open(services, config)?;
     let (state, wake_listener) = services.drive_state_receiver()?;
     let command = services.drive_command_sender()?;
@@ -124,6 +129,7 @@ pub(super) fn open<'a, const N: usize>(
         state,
         robot: RobotState::Unknown,
         words,
+        speeds,
         wake_listener,
         answer_timeout,
         spin,
@@ -175,7 +181,7 @@ impl DrivePorts<'_> {
                     // What was sent before that state has come.
                     self.words.take()?;
                     self.hand_words_to(commands);
-                    check(&state, &start, config.drive.mode, &config.robot.joint_names())?;
+                    check(&state, &start, (config.drive.mode, &self.speeds), &config.robot.joint_names())?;
                     if lacks_torques(config, &state) {
                         return Err(ProcessError::DriveWithoutTorques { mode: config.drive.mode.as_str() });
                     }
@@ -233,7 +239,6 @@ impl DrivePorts<'_> {
                     warn!(wanted = tick, got = state.tick, "the external drive is out of step");
                     return Ok(WaitOutcome::Failed(DriveFault::OutOfStep));
                 }
-                self.words.take()?;
                 self.robot = RobotState::from_code(state.robot_state);
                 let _ = self.received.push(*state);
                 return Ok(WaitOutcome::Here);
@@ -263,6 +268,11 @@ impl DrivePorts<'_> {
         let taken = self.take_states();
         let told = self.words.take();
         sent.and(waited).and(taken).and(told).and(self.send())
+    }
+
+    /// Lockstep: takes what the drive says beside its states, without which the arm can be braked.
+    pub(super) fn take_words(&mut self) -> Result<(), ProcessError> {
+        self.words.take()
     }
 
     /// What the drive says, for who asks how things stand.
@@ -398,7 +408,7 @@ pub(super) fn farewell(drive: Option<DrivePorts<'_>>) -> Result<DriveEnd, Proces
 fn check(
     state: &DriveStateMsg,
     start: &DriveCommandMsg,
-    mode: CommandMode,
+    (mode, speeds): (CommandMode, &[f64]),
     names: &[String],
 ) -> Result<(), ProcessError> {
     if state.joints != start.joints {
@@ -411,9 +421,10 @@ fn check(
     }
     let joints = state.q.iter().zip(&state.qd).enumerate().take(start.joints as usize);
     for (i, (q, qd)) in joints {
-        // In this form NaN is out of range too.
-        if !(q.abs() <= POSITION_RAD_OR_M && qd.abs() <= FASTEST_RAD_S_OR_M_S) {
-            return Err(ProcessError::DriveState { joint: joint_in_words(names, i), q: *q, qd: *qd });
+        // Later states that are as fast are a fault; this one would be taken for where the arm is. In this form NaN is out of range too.
+        let limit = speeds.get(i).copied().unwrap_or_default();
+        if !(q.abs() <= POSITION_RAD_OR_M && qd.abs() <= ABSURD_SPEED * limit) {
+            return Err(ProcessError::DriveState { joint: joint_in_words(names, i), q: *q, qd: *qd, limit });
         }
     }
     Ok(())

@@ -102,7 +102,7 @@ pub(super) fn run<const N: usize>(
             && tick > 0
         {
             match drive.wait_for_state(tick, stops) {
-                Ok(WaitOutcome::Here) => {}
+                Ok(WaitOutcome::Here) => note(&mut broken, drive.take_words()),
                 Ok(WaitOutcome::Failed(fault)) => control.fail(Fault::Drive(fault)),
                 Err(error) => {
                     control.fail(Fault::Drive(DriveFault::Silent));

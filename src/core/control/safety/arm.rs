@@ -30,7 +30,7 @@ const LATE: SpanNs = SpanNs(2 * TICK.0);
 /// Factor of the velocity limit above which a joint is too fast: an arm that lags a little behind catches up.
 const FASTEST: f64 = 1.5;
 /// Factor of the velocity limit above which a single reading is implausible.
-const ABSURD_SPEED: f64 = 10.0;
+pub const ABSURD_SPEED: f64 = 10.0;
 /// The same above which one is implausible even where the arm was seen to come to it. Chosen by hand: pushes of 450 N on wrists of 0.1 kg m^2 made 35 times their limits; far below the numbers whose squares overflow.
 const FLUNG_SPEED: f64 = 100.0;
 /// Share of a speed that a joint must have had in the state before, and by which its displacement may differ from what both speeds make, to be believed at a speed that is implausible by itself. Chosen by

@@ -36,7 +36,7 @@ mod rest;
 mod stopped_joint;
 mod swing;
 
-pub use arm::ArmWatch;
+pub use arm::{ABSURD_SPEED, ArmWatch};
 pub use contact::{Contact, ContactNumbers, ContactReaction, ContactWatch};
 pub use encoders::{EncoderTraits, EncoderWatch, ExpectedMotion};
 pub use freshness::{Freshness, MeasurementWatch};
