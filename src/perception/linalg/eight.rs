@@ -63,7 +63,7 @@ impl Eight {
     /// Logarithms to the base 2 of normal positive numbers, within 3e-7 or that share of them.
     #[inline(always)]
     pub(crate) fn log2(self) -> Self {
-        // the bits of the square root of 1/2, so that the mantissa lies about 1
+        // chosen so that the mantissa lies about 1, where the series is shortest: the bits of the square root of 1/2
         const LEAST: u32 = 0x3f35_04f3;
         self.each(|x| {
             let whole = (x.to_bits().wrapping_sub(LEAST) as i32) >> 23;

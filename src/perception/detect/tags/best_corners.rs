@@ -2,8 +2,8 @@
 //! lie on it.
 
 use super::decode::Decoded;
-use super::edge_growth::{Believed, LEAST_STEP_BLURS, corrected};
-use super::edges::{Corners, SHARP_CELL_BLURS};
+use super::edge_growth::{LEAST_STEP_BLURS, corrected};
+use super::edges::{Believed, Corners, SHARP_CELL_BLURS};
 use super::quad::Quad;
 use super::whole::WholeMeter;
 use crate::imaging::ImageView;

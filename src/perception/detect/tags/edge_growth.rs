@@ -14,7 +14,7 @@
 //! growth, and its remaining variance is added to their covariance.
 
 use super::decode::{Decoded, level_at};
-use super::edges::Corners;
+use super::edges::{Believed, Corners};
 use super::pattern::{CellPattern, MAX_CELLS};
 use super::plane_map::PlaneMap;
 use super::quad::Quad;
@@ -72,15 +72,6 @@ struct CellEdge {
 
 /// Most edges: two directions of neighbours within the largest family.
 const MOST_EDGES: usize = 2 * MAX_CELLS * (MAX_CELLS - 1);
-
-/// What is assumed of the camera's response.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Believed {
-    /// Levels are proportional to light: a growth is corrected only where it is more likely than none.
-    Linear,
-    /// The response is unknown: there is some growth.
-    Bent,
-}
 
 /// The corners, corrected for the growth as [`moved`] tells; and whether the edges scatter more than the sides' noise lets them.
 pub(super) fn corrected(

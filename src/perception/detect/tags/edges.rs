@@ -10,7 +10,6 @@
 //! A straight line is fitted to the crossings of all rows, and the windows are centred on it, until it does not move. The covariance of the line
 //! follows from the scatter of the crossings about it and of the levels, so that it holds for any noise.
 
-use super::edge_growth::Believed;
 use super::quad::{NormalFormLine, Quad, is_sound};
 use super::shine::Inside;
 use super::side::{SideFit, SideRow, SideScan, TagSide};
@@ -50,6 +49,15 @@ const SHARED_ROWS: f64 = 12.0;
 /// Width of a cell in deviations of the blur below which sides cannot be measured by themselves, since the neighbouring cells contribute to the window. At
 /// three deviations, half of it, 1e-3 of a step is left.
 pub(super) const SHARP_CELL_BLURS: f64 = 6.0;
+
+/// What is assumed of the camera's response.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Believed {
+    /// Levels are proportional to light: a growth is corrected only where it is more likely than none.
+    Linear,
+    /// The response is unknown: there is some growth.
+    Bent,
+}
 
 /// Corners, and the covariance `[xx, xy, yy]` of each, px^2.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -6,8 +6,7 @@
 use super::best_corners::best_corners;
 use super::codebook::Codebook;
 use super::decode::{Decoded, NoTag, decode};
-use super::edge_growth::Believed;
-use super::edges::{Corners, EdgeMeter};
+use super::edges::{Believed, Corners, EdgeMeter};
 use super::quad::{self, Quad};
 use super::whole::WholeMeter;
 use crate::imaging::{

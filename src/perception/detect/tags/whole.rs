@@ -5,8 +5,7 @@
 //! are fitted by Gauss-Newton; the noise is estimated from the residuals.
 
 use super::decode::Decoded;
-use super::edge_growth::Believed;
-use super::edges::Corners;
+use super::edges::{Believed, Corners};
 use super::plane_map::PlaneMap;
 use super::pulls::LastStep;
 use super::quad::{Quad, is_sound};
