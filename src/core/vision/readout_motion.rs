@@ -225,7 +225,6 @@ mod tests {
                 beyond += usize::from(with > 4.0);
                 before += usize::from(without > 4.0);
             }
-            println!("{motion_px} px: told {told}, beyond {beyond} of 200, {before} before");
             assert!(before >= 40 && beyond <= 30 && told >= 170, "{motion_px} px: {told} {beyond} {before}");
         }
     }

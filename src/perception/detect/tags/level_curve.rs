@@ -9,7 +9,7 @@
 
 use crate::linalg::Eight;
 
-/// Least logarithm of the ratio of light: below it, `f` is `w` within a thousandth and the formula divides 0 by 0.
+/// Least logarithm of the ratio of light. Derived: below it `f` differs from `w` by less than an eighth of it, a thousandth, and the formula would divide 0 by 0.
 const MIN_LOG_LIGHT: f64 = 0.01;
 /// The least that `1 + r w` may be: a model's share of paper lies outside of 0 to 1 by thousandths, which a large `r` multiplies. Chosen by hand: a power of
 /// half of the ink's light is still a level of ink's kind.
