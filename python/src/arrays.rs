@@ -47,7 +47,7 @@ pub fn pairs(name: &str, array: &Numbers2<'_>) -> PyResult<Vec<Vector2<f64>>> {
 
 /// An array of shape (rows, columns) from numbers row by row.
 pub fn matrix<'py>(py: Python<'py>, columns: usize, numbers: &[f64]) -> PyResult<Bound<'py, PyArray2<f64>>> {
-    let rows = if columns == 0 { 0 } else { numbers.len() / columns };
+    let rows = numbers.len().checked_div(columns).unwrap_or(0);
     PyArray1::from_slice(py, numbers).reshape([rows, columns])
 }
 
