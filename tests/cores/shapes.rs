@@ -21,6 +21,9 @@ const ARROW: [[f64; 2]; 7] = [
     [0.01, 0.012],
     [-0.05, 0.012],
 ];
+const PENTAGON: [[f64; 2]; 5] = [[0.0, 0.0], [0.08, -0.02], [0.12, 0.05], [0.06, 0.11], [-0.02, 0.07]];
+const HEXAGON: [[f64; 2]; 6] =
+    [[0.0, 0.0], [0.1, 0.0], [0.14, 0.05], [0.1, 0.12], [0.02, 0.11], [-0.03, 0.05]];
 const L: [[f64; 2]; 6] =
     [[-0.04, -0.05], [0.03, -0.05], [0.03, -0.02], [-0.01, -0.02], [-0.01, 0.05], [-0.04, 0.05]];
 
@@ -149,7 +152,12 @@ fn save(k: u32, pixels: &[u8], scene: &Scene) {
 
 #[test]
 fn random_views_are_found_where_they_are() {
-    for (name, of, seed) in [("arrow", &ARROW[..], 7), ("L", &L[..], 8)] {
+    for (name, of, seed) in [
+        ("arrow", &ARROW[..], 7),
+        ("L", &L[..], 8),
+        ("pentagon", &PENTAGON[..], 9),
+        ("hexagon", &HEXAGON[..], 10),
+    ] {
         let s = campaign(of, 20, seed, |_| {});
         let (rms_px, chi2) = ((s.squares / s.points).sqrt(), s.chi2 / s.points);
         let (found, views) = (s.found, s.views);
@@ -159,6 +167,25 @@ fn random_views_are_found_where_they_are() {
         );
         assert!(found >= 0.95 * views, "{name}: {found} of {views}");
         assert!((0.7..1.4).contains(&chi2), "{name}: chi-square {chi2}");
+    }
+}
+
+/// Small ovals, as letters have them, fit the sides of a pentagon or a hexagon, and not their corners.
+#[test]
+fn small_ovals_are_no_polygons() {
+    let mut dice = Dice(12);
+    for k in 0..150 {
+        let mut scene = view(&HEXAGON, &mut dice, 1.0);
+        let (radius_m, z) = (0.02, scene.X_CO.translation.z);
+        // 7 to 18 px about the middle of the view
+        let scale = dice.within(7.0, 18.0) * z / (600.0 * radius_m);
+        scene.outlines.clear();
+        scene.discs = vec![(Vector2::new(0.05, 0.06), radius_m * scale)];
+        scene.plate_m = [Vector2::new(-0.2, -0.2), Vector2::new(0.3, 0.3)];
+        let pixels = scene.render();
+        for of in [&PENTAGON[..], &HEXAGON[..]] {
+            assert!(search(&scene, &pixels, &shape(of)).is_err(), "view {k}");
+        }
     }
 }
 

@@ -14,6 +14,7 @@
 
 mod candidate;
 mod chance;
+mod corners;
 mod distinct;
 mod edge;
 mod fit;

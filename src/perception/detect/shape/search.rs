@@ -227,6 +227,7 @@ impl ShapeFinder {
             let Some(fitted) = fitted.filter(good) else { continue };
             if !self.has_area(&FittedShape::Polygon(fitted), self.candidate.area_px2)
                 || !self.is_told(&fitted.evidence)
+                || !self.has_corners(image, &fitted)
             {
                 continue;
             }
