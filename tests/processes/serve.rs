@@ -240,10 +240,12 @@ fn a_run_that_is_not_served_takes_orders_too_and_ends_by_a_stop() {
 
 #[test]
 fn a_wait_beside_a_run_hears_how_that_ended() {
-    for (set, code) in [("run.duration_s=30.0", Some(0)), ("run.duration_s=1.0", Some(5))] {
+    // the second one is long enough to be asked before it ends, beside any load, and its goal cannot be reached
+    for (duration_s, goal_px, code) in [("30", "1", Some(0)), ("8", "0.000001", Some(5))] {
         let instance = Instance::new("serve-wait");
+        let sets = [format!("run.duration_s={duration_s}"), format!("goal.feature_error_px={goal_px}")];
         let mut run = vservo()
-            .args(["run", "--instance", &instance.name, "--set", set])
+            .args(["run", "--instance", &instance.name, "--set", &sets[0], "--set", &sets[1]])
             .stdout(Stdio::null())
             .stderr(Stdio::null())
             .spawn()
