@@ -117,7 +117,16 @@ fn levels_are_those_of_blurred_cells() {
 #[test]
 fn derivatives_are_those_of_levels() {
     let base_corners = corners();
-    let base = tag_image(&base_corners);
+    let told = tag_image(&base_corners);
+    // the ratio of light as the levels tell it, and as a parameter of its own
+    for (log_ratio, last) in [(None, GAMMA), (Some(2.9), RATIO)] {
+        derivatives_of(TagImage { log_ratio, ..told }, last);
+    }
+}
+
+/// Those of one image against differences of its levels, by all parameters to the column `last`.
+fn derivatives_of(base: TagImage, last: usize) {
+    let base_corners = corners();
     let shifted = |index: usize, by: f64| {
         let (mut tag_image, mut corners) = (base, base_corners);
         match index {
@@ -144,18 +153,19 @@ fn derivatives_are_those_of_levels() {
             CONTRAST => tag_image.contrast += by,
             LIGHT..GROUND => tag_image.light[index - LIGHT] += by,
             GAMMA => tag_image.log_gamma = tag_image.log_gamma.map(|log| log + by),
+            RATIO => tag_image.log_ratio = tag_image.log_ratio.map(|log| log + by),
             _ => tag_image.ground[index - GROUND] += by,
         }
         (tag_image, corners)
     };
-    for index in (0..COUNT).chain([GAMMA]) {
+    for index in (0..COUNT).chain(GAMMA..=last) {
         let h = [0.03, 0.02, 0.5, 0.5, 0.01, 0.5, 0.01][match index {
             0..BLUR => 0,
             BLUR..INK => 1,
             INK => 2,
             CONTRAST => 3,
             LIGHT..GROUND => 4,
-            GAMMA => 6,
+            GAMMA | RATIO => 6,
             _ => 5,
         }];
         let (mut off, mut size) = (0.0, 0.0);
@@ -181,7 +191,7 @@ fn derivatives_are_those_of_levels() {
 #[test]
 fn products_are_sums_over_pixels_that_count() {
     let corners = corners();
-    let (tag_image, pattern) = (tag_image(&corners), pattern());
+    let (tag_image, pattern) = (TagImage { log_ratio: Some(2.9), ..tag_image(&corners) }, pattern());
     let model = TagModel::new(&tag_image, &pattern, &corners, 120.0f64.powi(2)).unwrap();
     let mut blocks: Vec<TagPixels> = (-20..20).map(|y| pixels(y % 12)).collect();
     blocks[3].weight = Eight::ZERO;
@@ -192,7 +202,7 @@ fn products_are_sums_over_pixels_that_count() {
     let left_over = |row: &TagJacobian| row[COUNT].0.iter().filter(|r| **r != 0.0).count();
     let count: usize = rows.iter().map(left_over).sum();
     assert!(count > 40 && count < 300 && sums.count == count as f64, "{count} {}", sums.count);
-    for i in 0..=GAMMA {
+    for i in 0..=RATIO {
         for k in 0..=i {
             let each = |row: &TagJacobian| {
                 (0..8).map(|l| f64::from(row[i].0[l]) * f64::from(row[k].0[l])).sum::<f64>()
