@@ -95,6 +95,17 @@ impl<const M: usize> GainMatrix<M> {
     pub fn largest(&self) -> f64 {
         self.largest
     }
+
+    /// Largest rate, 1/s, at which an error falls that this stiffness reduces against the damping `K_D`, that is, the largest eigenvalue of
+    /// `K_D^-1 K`; of full matrices their sum, which is not less. Zero where nothing damps.
+    #[must_use]
+    pub fn rate_against(&self, K_D: &Self) -> f64 {
+        let rate_1_s = match (&self.entries, &K_D.entries) {
+            (GainEntries::Diagonal(k), GainEntries::Diagonal(d)) => k.component_div(d).max(),
+            _ => K_D.matrix().try_inverse().map_or(0.0, |inverse| (inverse * self.matrix()).trace()),
+        };
+        if rate_1_s.is_finite() { rate_1_s } else { 0.0 }
+    }
 }
 
 /// A gain matrix over the stacked feature error `e_s` (k numbers): K_s, K_Ps or K_Ds of the laws C and D.

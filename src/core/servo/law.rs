@@ -306,13 +306,23 @@ impl Law {
         seen >= needed && view.features().len() == set_point.features().len()
     }
 
-    /// Largest rate at which a part of the error falls where the arm follows the law output for `task`, 1/s; zero for torque laws.
+    /// Largest rate at which a part of the error falls where the arm follows the law output for `task`, 1/s; of torque laws where the arm moves as fast as their damping lets
+    /// it. Zero where it is not known: damping on the joints, or matrices over features.
     #[must_use]
     pub fn rate_1_s(&self, task: &Task) -> f64 {
         let (gain, quickest) = match self {
             Self::PositionVelocity { gain, K, .. } => (gain, K.largest()),
             Self::ImageVelocity { gain, K_s, .. } => (gain, K_s.largest()),
             Self::Hybrid { gain, gains, .. } => (gain, gains.K_p.largest().max(gains.K_o.largest())),
+            Self::PositionTorque { K_P, damping: Damping::Task(K_D), .. } => return K_P.rate_against(K_D),
+            Self::PreconditionedTorque { K_Ps, damping: Damping::Task(K_D), .. } => {
+                return K_Ps.K_P.rate_against(K_D);
+            }
+            Self::ImageTorque {
+                K_Ps: FeatureMatrix::Scalar(k),
+                damping: Damping::Task(FeatureMatrix::Scalar(d)),
+                ..
+            } => return k / d,
             Self::PositionTorque { .. } | Self::ImageTorque { .. } | Self::PreconditionedTorque { .. } => {
                 return 0.0;
             }

@@ -150,6 +150,8 @@ impl MotionAgreement {
             return;
         }
         let now = Sighting { exposure, view: *view, X_WC: *X_WC };
+        // Without the depths of a pose nothing can be foretold from what is left of a target.
+        let foretells = view.X_CO().is_some() || !view.is_partial();
         if let Some(pause) = &mut self.pause {
             if let Some(judgement) = pause.judge(now, set_point) {
                 (self.judgement, self.pause) = (judgement, None);
@@ -159,7 +161,9 @@ impl MotionAgreement {
         let standing = match &mut self.standing {
             Some(standing) if self.moves => *standing,
             standing => {
-                Standing::note(standing, now);
+                if foretells {
+                    Standing::note(standing, now);
+                }
                 return;
             }
         };
@@ -173,7 +177,7 @@ impl MotionAgreement {
             return;
         }
         if moved < STANDS * JUDGED {
-            if exposure - since >= STANDS_FOR {
+            if foretells && exposure - since >= STANDS_FOR {
                 Standing::note(&mut self.standing, now);
             }
             return;
@@ -221,6 +225,8 @@ impl MotionAgreement {
                     return;
                 }
             }
+            // A view that nothing explains, as by a measurement that leaps, says nothing of what was seen before it.
+            (Some(_), None) if !is_explained(left) => {}
             (_, error) => self.suspicion = error.map(|error| (error, moved)),
         }
         if seen_now.is_none() && is_explained(left) {

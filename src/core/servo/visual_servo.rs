@@ -15,7 +15,7 @@ mod look_around;
 mod pace;
 mod target_change;
 
-use super::first_motion::FirstMotion;
+use super::first_motion::slow_share;
 use super::jacobian_learner::JacobianLearner;
 use super::motion_agreement::MotionAgreement;
 use super::unobserved_motion::{LONGEST_SPAN, unobserved_motion};
@@ -103,7 +103,6 @@ pub struct VisualServo<const N: usize> {
     drift: Option<UnobservedMotion<N>>,
     /// Whether the image moves as the arm's motion should make it.
     agreement: MotionAgreement,
-    first_motion: FirstMotion,
     /// Share of each gain that resolved velocities have; less for an arm that swings about its goal.
     gain_share: f64,
     /// The image Jacobian that is learnt, where the law goes by none that is computed.
@@ -135,7 +134,6 @@ impl<const N: usize> VisualServo<N> {
             path_began: None,
             drift: None,
             agreement,
-            first_motion: FirstMotion::default(),
             gain_share: 1.0,
             learner,
         }
@@ -195,9 +193,7 @@ impl<const N: usize> VisualServo<N> {
     /// The next law output starts smoothly again, as the first one did; after a stop or a hold.
     pub fn restart(&mut self) {
         self.start = None;
-        if self.agreement.interrupt() {
-            self.first_motion = FirstMotion::default();
-        }
+        self.agreement.interrupt();
         if let Some(learner) = &mut self.learner {
             learner.interrupt();
         }
@@ -278,6 +274,10 @@ impl<const N: usize> VisualServo<N> {
             None
         };
         let supposed = by_motion.is_some();
+        // What is hidden was placed by the mount that is judged.
+        if self.object.is_none() && partial && seen.X_CO().is_none() {
+            self.agreement.note(exposure, &seen, &X_WC, &self.goal);
+        }
         let stated = || seen.sufficient(&self.goal).map(|view| (view, stated_covariance(measurement)));
         let Some((view, covariance)) = by_motion.or_else(stated) else {
             return MeasurementVerdict::TooFewFeatures;
@@ -295,8 +295,7 @@ impl<const N: usize> VisualServo<N> {
         if !partial {
             self.seen_whole_at(&q, view.X_CO().map(|X_CO| X_WC * X_CO * centre(self.goal.points())));
         }
-        self.first_motion.note(&X_WC);
-        if self.object.is_none() && !supposed {
+        if self.object.is_none() && !(partial && seen.X_CO().is_none()) {
             self.agreement.note(exposure, &view, &X_WC, &self.goal);
         }
         let last = LastMeasurement { exposure, view, task, X_WC, first_X_WC, partial, supposed };
@@ -336,21 +335,15 @@ impl<const N: usize> VisualServo<N> {
         self.agreement.error()
     }
 
-    /// The share of the joint velocity `qd` (rad/s or m/s), 0 to 1, with which the first motion of a camera at `X_WC` with the Jacobian `J` is slow enough
+    /// The share of the joint velocity `qd` (rad/s or m/s), 0 to 1, with which the first motion of a camera with the Jacobian `J` is slow enough
     /// ([`ServoSettings::first_motion_m_s`]). 0 while it waits to see whether the object moves; 1 where the object moves or the Jacobian is learnt, since then nothing is known of how the image should move.
-    pub fn first_motion_share(
-        &mut self,
-        qd: &SVector<f64, N>,
-        (X_WC, J): (&Pose, &CameraJacobian<N>),
-    ) -> f64 {
+    pub fn first_motion_share(&self, qd: &SVector<f64, N>, J: &CameraJacobian<N>) -> f64 {
         if self.agreement.pauses() {
             return 0.0;
         }
         let foretold = self.object.is_none() && self.learner.is_none();
-        match self.settings.first_motion_m_s.filter(|_| foretold) {
-            Some(speed) => self.first_motion.share(qd, (X_WC, J), speed, self.agreement.is_judged()),
-            None => 1.0,
-        }
+        let is_open = foretold && !self.agreement.is_judged();
+        self.settings.first_motion_m_s.filter(|_| is_open).map_or(1.0, |speed| slow_share(qd, J, speed))
     }
 
     /// Takes the joint motion that the last measurement showed beyond the history; `None` at the next call.

@@ -55,8 +55,8 @@ pub enum MotionCommand<const N: usize> {
     Joints(SVector<f64, N>),
     /// Joint velocities of a law, rad/s or m/s, on the way to a goal.
     Velocity(SVector<f64, N>, Convergence<N>),
-    /// Joint torques, N m or N, gravity included, and the damping of the joints that is part of them, N m s/rad or N s/m.
-    Torque(SVector<f64, N>, SMatrix<f64, N, N>),
+    /// Joint torques, N m or N, gravity included, the damping of the joints that is part of them, N m s/rad or N s/m, and how they lead to the goal.
+    Torque(SVector<f64, N>, SMatrix<f64, N, N>, Convergence<N>),
 }
 
 impl<const N: usize> MotionCommand<N> {

@@ -73,8 +73,8 @@ impl Servoing {
             // A motion of which the law learns leads to no goal.
             (Some(LawOutput::Velocity(qd)), None) => MotionCommand::Joints(qd),
             (Some(LawOutput::Velocity(qd)), Some(convergence)) => MotionCommand::Velocity(qd, *convergence),
-            (Some(LawOutput::Torque(tau)), _) if !self.dry => {
-                MotionCommand::Torque(tau, servo.joint_damping(&state.q, robot))
+            (Some(LawOutput::Torque(tau)), Some(convergence)) if !self.dry => {
+                MotionCommand::Torque(tau, servo.joint_damping(&state.q, robot), *convergence)
             }
             // At a singularity of the task or of the arm there may be no law output.
             _ => MotionCommand::Stand,

@@ -1,14 +1,14 @@
 //! From a motion command to a reference within the limits, and to the torque that follows it.
 
 use super::Controller;
-use super::torque_law::{law_acceleration, stilled};
+use super::torque_law::{settled_velocity, stilled};
 use crate::control::behaviour::{ArmModel, MotionCommand};
 use crate::control::lifecycle::State;
 use crate::drive::{CommandMode, DriveState};
 use crate::motion::{ActingLimits, Limit, ReferenceState, brakeable, damp_singularity};
 use crate::servo::Convergence;
 use crate::time::{SpanNs, TICK};
-use nalgebra::{SMatrix, SVector};
+use nalgebra::SVector;
 
 /// Rate at which an arm under a torque law is braked without a trusted view, 1/s. Chosen by hand: its speed falls to 5 % in 0.4 s. The
 /// deceleration is this rate times the speed: 10 rad/s^2 is needed from 1.25 rad/s on, and with twice the rate from 0.6 rad/s on.
@@ -22,6 +22,8 @@ const LOAD_DOUBT: f64 = 0.2;
 /// Mean time for which a joint under a torque law is assumed to have accelerated, s: its mean speed over the 0.4 s in which joints must
 /// follow (`control/safety/arm.rs`) is, from rest, the acceleration times half of that time.
 const START_S: f64 = 0.2;
+/// Rate at which a torque law is taken to converge that does not say it, 1/s. Chosen by hand: the gain of the shipped velocity laws.
+const UNKNOWN_RATE_1_S: f64 = 15.0;
 /// Rate at which a reference goes back to an arm that has not followed it, after a fault in position mode, 1/s. Chosen by hand: the
 /// difference falls to 5 % in 0.6 s, within the limits of the reference.
 const BACK_1_S: f64 = 5.0;
@@ -53,11 +55,13 @@ impl<const N: usize> Controller<N> {
         confidence: f64,
     ) -> TickMotion<N> {
         let mut limits = ActingLimits::default();
+        let settled = self.settled(state, motion_command);
+        let motion_command = settled.as_ref().unwrap_or(motion_command);
         let moves = matches!(motion_command, MotionCommand::Joints(_) | MotionCommand::Velocity(..));
         let probes = self.joint_control.probe(moves) && self.mode == CommandMode::Torque;
         self.probes = probes;
         let requested_qd = match motion_command {
-            MotionCommand::Torque(tau, damping) => return self.pushed(state, (tau, damping), confidence),
+            MotionCommand::Torque(tau, ..) => return self.pushed(state, tau, confidence),
             MotionCommand::Stand | MotionCommand::Look(_)
                 if self.mode == CommandMode::Position && self.fault.is_some() =>
             {
@@ -99,23 +103,26 @@ impl<const N: usize> Controller<N> {
         TickMotion { now, limits: limits.with(&after.limits), follows: true, way }
     }
 
+    /// What a law of torques whose damping is too quick to be followed tick by tick comes to: a velocity on the way to its goal.
+    fn settled(&self, state: &DriveState<N>, motion_command: &MotionCommand<N>) -> Option<MotionCommand<N>> {
+        let MotionCommand::Torque(tau, damping, convergence) = motion_command else { return None };
+        let qd = settled_velocity(&self.arm, (&state.q, &state.qd), tau, damping)?;
+        // Where its rate is not known the arm is taken to be nearer than it is.
+        let rate_1_s = if convergence.rate_1_s > 0.0 { convergence.rate_1_s } else { UNKNOWN_RATE_1_S };
+        Some(MotionCommand::Velocity(qd, Convergence::at(rate_1_s)))
+    }
+
     /// For a law that outputs torques: the reference starts at the measured arm and moves with the acceleration that the torques cause.
-    fn pushed(
-        &mut self,
-        state: &DriveState<N>,
-        (tau, damping): (&SVector<f64, N>, &SMatrix<f64, N, N>),
-        confidence: f64,
-    ) -> TickMotion<N> {
+    fn pushed(&mut self, state: &DriveState<N>, tau: &SVector<f64, N>, confidence: f64) -> TickMotion<N> {
         let robot = &self.arm.robot;
         let within = SVector::from_fn(|i, _| {
             let effort = robot.limits().get(i).map_or(0.0, |limit| limit.effort);
             tau[i].clamp(-effort, effort)
         });
         // Friction is compensated separately, because the torque laws assume a model without friction.
-        let now = (&state.q, &state.qd);
         let (_, J_C) = self.servo.settings().mount.camera(robot, &state.q);
         let stilled = stilled(&state.qd, &J_C);
-        let qdd = law_acceleration(&self.arm, now, &within, damping) + stilled;
+        let qdd = robot.forward_dynamics(&state.q, &state.qd, &within) + stilled;
         let trusted = qdd * confidence - state.qd * (BRAKE_1_S * (1.0 - confidence));
         self.reference.track_measured(&state.q, &state.qd);
         let after = *self.reference.accelerate(&trusted, TICK);
@@ -130,7 +137,8 @@ impl<const N: usize> Controller<N> {
         let stiction = robot.friction_torque(&qdd.map(|a| MOVES * a.signum())) * 2.0;
         let unknown =
             self.learnt_torque(&state.q).zip_map(&qdd, |learnt, a| (LOAD_DOUBT * learnt).abs() * a.signum());
-        let loose = law_acceleration(&self.arm, now, &(within - stiction - unknown), damping) + stilled;
+        let loose = within - stiction - unknown;
+        let loose = robot.forward_dynamics(&state.q, &state.qd, &loose) + stilled;
         // Nor farther than the limits let it: they act joint by joint, and may hold one back that its torque would drive away. Of a joint that moves it is
         // seen that nothing holds it, also where it is braked and turns back.
         let way = SVector::from_fn(|i, _| {
@@ -172,9 +180,9 @@ impl<const N: usize> Controller<N> {
             requested_qd *= strength;
             (0..N).for_each(|i| acting.set(Limit::Effort, i));
         }
-        let (X_WC, J_C) = self.servo.settings().mount.camera(robot, q);
+        let (_, J_C) = self.servo.settings().mount.camera(robot, q);
         let first = match self.state {
-            State::Servoing => self.first_motion_share(q, &requested_qd, (&X_WC, &J_C)),
+            State::Servoing => self.first_motion_share(q, &requested_qd, &J_C),
             _ => 1.0,
         };
         let trusted = confidence * first;
