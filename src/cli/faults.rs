@@ -42,7 +42,7 @@ pub struct FaultsArguments {
 /// When the folder cannot be made.
 pub(super) fn faults(arguments: &FaultsArguments) -> Result<u8, ProcessError> {
     if arguments.list {
-        let lines = FAULT_CASES.iter().map(|case| format!("{:<20} {}\n", case.name, case.fault));
+        let lines = FAULT_CASES.iter().map(|case| format!("{:<20} {}\n", case.name, case.told()));
         return Ok(shown(&lines.collect::<String>(), 0));
     }
     let known = [

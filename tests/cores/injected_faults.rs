@@ -88,6 +88,25 @@ fn faults_of_arms_unlike_their_models_drive_no_arm_away() {
     assert!(right >= 68, "{right} of 72");
 }
 
+/// An encoder that stands for 10 to 100 ms near the goal, and leaps then, makes no joint stick: SCARAs hunted by a millimetre for ever after it.
+#[test]
+fn encoders_that_freeze_for_a_while_spoil_no_run() {
+    let mut runs = 0;
+    for (arm, joint) in [("default", 1), ("scara-d", 1), ("scara-hybrid", 0), ("ur5", 4)] {
+        for (from_s, duration_s) in [(0.7, 0.1), (0.9, 0.05), (0.939, 0.05), (1.0, 0.1)] {
+            let fault = format!(
+                "faults=[{{kind=\"encoder_freeze\",from_s={from_s},duration_s={duration_s},joint={joint}}}]"
+            );
+            let (fastest, last, outcome) = fastest(arm, &fault);
+            assert!(fastest < 1.1 && last < 0.02, "{arm}, {fault}: {fastest} {last}");
+            // What freezes in motion, for longer than 30 ms, is a fault.
+            assert!(matches!(outcome, Outcome::Converged | Outcome::Fault), "{arm}, {fault}: {outcome:?}");
+            runs += u32::from(outcome == Outcome::Converged);
+        }
+    }
+    assert!(runs >= 12, "{runs} of 16 converge");
+}
+
 /// Measured joint states and images of a run, up to `ticks`.
 fn states(set: &[&str], ticks: u64) -> (Vec<JointState>, Vec<Vec<u8>>) {
     let set = named(set);

@@ -9,7 +9,7 @@
 mod cases;
 mod table;
 
-pub use cases::{CAMPAIGN_ARMS, CAMPAIGN_LAWS, CampaignArm, FAULT_CASES, FaultCase, RightEnds};
+pub use cases::{CAMPAIGN_ARMS, CAMPAIGN_LAWS, CampaignArm, FAULT_CASES, FaultCase, FaultyJoint, RightEnds};
 pub use table::FaultTable;
 
 use crate::config::{Config, ConfigError};
@@ -26,11 +26,6 @@ use thiserror::Error;
 
 /// Longest simulated run, s. Chosen by hand: undisturbed runs of the three arms are over within 3 s, faults within 1.5 s.
 const DURATION_S: f64 = 12.0;
-/// The first fault of a seed, s, and how much later that of the next one begins. Chosen by hand: the arms are in full motion then, and brake a second later.
-const FROM_S: f64 = 0.4;
-const LATER_S: f64 = 0.15;
-/// Seeds after which the times begin anew, so that all faults are in the motion.
-const TIMES: u64 = 4;
 /// True feature error from which on a run that counts as converged is at the wrong place, px. Chosen by hand: twenty times the tolerance of the shipped files.
 const AT_THE_GOAL_PX: f64 = 1.0;
 /// Speed of the true arm up to which it rests, rad/s or m/s. Chosen by hand: twice the speed of `control/safety/rest.rs`, for what was measured may be old.
@@ -58,7 +53,7 @@ pub enum CampaignError {
 }
 
 /// One run to be made.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FaultJob {
     /// What is put wrong.
     pub case: &'static FaultCase,
@@ -112,6 +107,10 @@ pub struct FaultRun {
     pub acceleration_by_limit: f64,
     /// Greatest true jerk of a joint, of differences of that, by its limit.
     pub jerk_by_limit: f64,
+    /// Greatest torque (force) that a drive was told, by the joint's effort; nothing is told to one that has a servo of its own.
+    pub torque_by_limit: f64,
+    /// How far a true joint was beyond an end of its range, rad or m.
+    pub beyond_range: f64,
     /// Greatest acceleration of the joint reference by its limit: what control itself asks for.
     pub commanded_by_limit: f64,
     /// Whether all states and commands were numbers.
@@ -130,11 +129,11 @@ impl FaultJob {
     /// The changes to the shipped run file.
     #[must_use]
     pub fn settings(&self) -> Vec<String> {
-        let from_s = FROM_S + LATER_S * ((self.seed - 1) % TIMES) as f64;
         let mut set: Vec<String> = self.law.1.iter().map(ToString::to_string).collect();
-        set.extend(self.arm.set.iter().chain(self.case.set).map(ToString::to_string));
-        if !self.case.fault.is_empty() {
-            set.push(format!("faults=[{{from_s={from_s:.2},{}}}]", self.case.fault));
+        set.extend(self.arm.set.iter().map(ToString::to_string));
+        let entry = self.case.entry(self.seed, self.arm.joints);
+        if !entry.is_empty() {
+            set.push(format!("faults=[{{{entry}}}]"));
         }
         set
     }
@@ -142,7 +141,9 @@ impl FaultJob {
     /// The command that runs it once more, with processes.
     #[must_use]
     pub fn command(&self) -> String {
-        let set: String = self.settings().iter().map(|set| format!(" --set '{set}'")).collect();
+        // Single quotes are the shell's.
+        let set: String =
+            self.settings().iter().map(|set| format!(" --set '{}'", set.replace('\'', "\""))).collect();
         format!(
             "vservo run {} --clock lockstep --seed {} --duration-s {DURATION_S}{set}",
             self.arm.file, self.seed
@@ -197,6 +198,8 @@ impl FaultJob {
             speed_by_limit: plant.worst[0],
             acceleration_by_limit: plant.worst[1],
             jerk_by_limit: plant.worst[2],
+            torque_by_limit: plant.torque,
+            beyond_range: plant.beyond_range,
             commanded_by_limit: plant.commanded,
             is_finite: plant.is_finite,
             last_speed: plant.last_speed,
@@ -215,6 +218,10 @@ struct PlantWatch {
     before: [Vec<f64>; 2],
     reference: Vec<f64>,
     worst: [f64; 3],
+    /// Ends of each joint's range, and its effort.
+    ranges: Vec<[f64; 3]>,
+    torque: f64,
+    beyond_range: f64,
     commanded: f64,
     is_finite: bool,
     last_speed: f64,
@@ -233,6 +240,15 @@ impl PlantWatch {
             before: [zeros.clone(), zeros.clone()],
             reference: zeros,
             worst: [0.0; 3],
+            ranges: config
+                .robot
+                .joints
+                .iter()
+                .map(|joint| &joint.limits)
+                .map(|l| [l.lower, l.upper, l.effort])
+                .collect(),
+            torque: 0.0,
+            beyond_range: 0.0,
             commanded: 0.0,
             is_finite: true,
             last_speed: 0.0,
@@ -259,6 +275,10 @@ impl PlantWatch {
             }
             (self.before[0][i], self.before[1][i]) = (speed, acceleration);
             self.last_speed = self.last_speed.max(speed.abs());
+            if let Some([lower, upper, effort]) = self.ranges.get(i) {
+                self.torque = self.torque.max(trace.command.tau[i].abs() / effort);
+                self.beyond_range = self.beyond_range.max(lower - q_true[i]).max(q_true[i] - upper);
+            }
             let asked = (trace.command.qd_r[i] - self.reference[i]) / TICK.as_s();
             self.commanded = self.commanded.max(by(asked, &self.limits[1], i));
             self.reference[i] = trace.command.qd_r[i];

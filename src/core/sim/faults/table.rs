@@ -99,14 +99,14 @@ impl FaultTable {
     #[must_use]
     pub fn to_csv(&self) -> String {
         let mut text = String::from(
-            "case,law,arm,seed,outcome,right,time_s,held_s,speed_by_limit,acceleration_by_limit,jerk_by_limit,commanded_by_limit,finite,\
+            "case,law,arm,seed,outcome,right,time_s,held_s,speed_by_limit,acceleration_by_limit,jerk_by_limit,torque_by_limit,beyond_range,commanded_by_limit,finite,\
              last_speed,final_error_px,state_hash,reason\n",
         );
         for r in &self.runs {
             let error = r.final_error_px.map_or(String::new(), |px| format!("{px:.4}"));
             let _ = writeln!(
                 text,
-                "{},{},{},{},{},{},{:.3},{:.3},{:.4},{:.4},{:.4},{:.4},{},{:.5},{error},{},\"{}\"",
+                "{},{},{},{},{},{},{:.3},{:.3},{:.4},{:.4},{:.4},{:.4},{:.6},{:.4},{},{:.5},{error},{},\"{}\"",
                 r.case,
                 r.law,
                 r.arm,
@@ -118,6 +118,8 @@ impl FaultTable {
                 r.speed_by_limit,
                 r.acceleration_by_limit,
                 r.jerk_by_limit,
+                r.torque_by_limit,
+                r.beyond_range,
                 r.commanded_by_limit,
                 r.is_finite,
                 r.last_speed,
