@@ -366,7 +366,7 @@ impl Instance {
         let listed = Node::<ipc::Service>::list(&config, |state| {
             // A client that is stopped cannot leave by itself, and would leave its files to the next run of that name if it was killed then.
             let pid = state.node_id().pid::<ipc::Service>();
-            let is_there = pid.map_or(true, |pid| !is_stopped(pid.value()));
+            let is_there = pid.map_or(true, |pid| !is_suspended(pid.value()));
             living |= matches!(state, NodeState::Alive(_)) && is_there;
             CallbackProgression::Continue
         });
@@ -374,8 +374,8 @@ impl Instance {
     }
 }
 
-/// Whether process `pid` has been stopped, as by Ctrl-Z.
-fn is_stopped(pid: i32) -> bool {
+/// Whether process `pid` has been suspended by a signal, as by Ctrl-Z.
+pub(crate) fn is_suspended(pid: i32) -> bool {
     // After the name, which may have spaces and brackets, comes the state.
     let stat = std::fs::read_to_string(format!("/proc/{pid}/stat"));
     stat.is_ok_and(|stat| stat.rsplit(") ").next().is_some_and(|rest| rest.starts_with('T')))

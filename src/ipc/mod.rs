@@ -46,6 +46,7 @@ pub use error::IpcError;
 pub use frame_shape::{FrameShape, SPACE_BESIDE_FRAMES_BYTES, SPACE_OF_MEASUREMENTS_BYTES};
 pub use heartbeat::{Heartbeat, TICKS_ARE_OVER};
 pub use image_ports::{ImagePorts, ImageSender, ReceivedImage};
+pub(crate) use instance::is_suspended;
 pub use instance::{Instance, InstanceError, RoleLock};
 pub use ports::{
     BorrowedFrame, FrameReceiver, FrameSender, QuietFrameReceiver, QuietSender, ReceivedFrame, Receiver,
@@ -56,7 +57,7 @@ pub use role::Role;
 pub use scarcity::Scarcity;
 pub use services::{DriveViews, MAX_CLIENTS, Services};
 pub use spin::Spin;
-pub use stop_word::{Halt, RestartCounts, StopWord};
+pub use stop_word::{Halt, RestartCounts, STOP_WORD_OFFSETS, StopWord};
 
 type IpcService = iceoryx2::prelude::ipc::Service;
 type Node = iceoryx2::node::Node<IpcService>;

@@ -23,11 +23,12 @@
 mod file;
 mod restarts;
 
-use crate::messages::ControlState;
+use crate::messages::{ControlState, NamedCode};
 use restarts::RestartCounters;
 pub use restarts::RestartCounts;
 use rustix::io::Errno;
 use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
+use std::mem::offset_of;
 use std::os::fd::{AsFd, OwnedFd};
 use std::ptr::NonNull;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
@@ -72,6 +73,35 @@ struct Page {
     guardian: RequestCounter,
     control_process: AtomicU32,
 }
+
+/// Where programs in other languages find the numbers of the page, in bytes from its begin (`vservo layouts`).
+pub const STOP_WORD_OFFSETS: [NamedCode; 5] = [
+    NamedCode {
+        name: "STOP",
+        code: offset_of!(Page, stop) as u32,
+        about: "Add 1 to bring the arm to rest. The file is /dev/shm/vservo-NAME/stop of the instance NAME; each number has 8 bytes.",
+    },
+    NamedCode {
+        name: "SHUTDOWN",
+        code: offset_of!(Page, shutdown) as u32,
+        about: "Add 1 to bring the arm to rest and end the run.",
+    },
+    NamedCode {
+        name: "LATCHED_STOP",
+        code: offset_of!(Page, latch) as u32,
+        about: "Add 1, or write any other number than lies there, to bring the arm to rest by a fault that stays until it is reset.",
+    },
+    NamedCode {
+        name: "GUARDIAN_STOP",
+        code: offset_of!(Page, guardian) as u32,
+        about: "How often the guardian has stopped the arm. A drive brakes by itself, and holds, as long as the next number is another one.",
+    },
+    NamedCode {
+        name: "GUARDIAN_RESET",
+        code: (offset_of!(Page, guardian) + offset_of!(RequestCounter, taken)) as u32,
+        about: "Up to which of them a reset has come.",
+    },
+];
 
 /// The page, mapped; any thread may use it.
 #[derive(Debug)]
@@ -185,7 +215,6 @@ impl Drop for StopWord {
 mod tests {
     use super::*;
     use crate::ipc::{Instance, Role};
-    use std::mem::offset_of;
 
     /// Drives in other languages find these numbers by where they lie.
     #[test]

@@ -186,7 +186,7 @@ fn a_guardian_that_was_suspended_for_a_moment_stops_nothing() {
     wait_for_speed(&plant);
     let guardian = wait_for_process(&instance, "guardian");
     kill(guardian, "STOP");
-    wait_for_cycles(&plant, 2000);
+    wait_for_cycles(&plant, 200);
     kill(guardian, "CONT");
     wait_for_cycles(&plant, 500);
     kill(child.id() as i32, "INT");

@@ -210,8 +210,8 @@ fn when_vision_stands_still_the_arm_holds_and_then_goes_on() {
     let vision = wait_for_process(&instance, "vision");
     kill(vision, "STOP");
     let control = wait_for_process(&instance, "control");
-    // Longer than the time-out of 200 ms by control's own ticks: counted in its CPU time is too coarse, so by the clock.
-    std::thread::sleep(std::time::Duration::from_millis(700));
+    // Longer than the time-out of 200 ms by control's own ticks, and mostly shorter than the 400 ms after which vision would be started anew.
+    std::thread::sleep(std::time::Duration::from_millis(320));
     kill(vision, "CONT");
     std::thread::sleep(std::time::Duration::from_millis(700));
     assert!(instance.processes().contains(&control), "control goes on without vision");

@@ -2,7 +2,7 @@
 
 use super::RunOutputs;
 use super::reap::{ChildState, Used, reap};
-use crate::ipc::{Instance, Role};
+use crate::ipc::{Instance, Role, is_suspended};
 use crate::messages::CameraId;
 use crate::process::ProcessError;
 use crate::process::drive_guard::{CAMERA_VARIABLE, program_key};
@@ -170,6 +170,11 @@ impl Child {
             self.reap(false);
         }
         self.end
+    }
+
+    /// Whether it is suspended by a signal.
+    pub(super) fn is_suspended(&self) -> bool {
+        self.end.is_none() && is_suspended(Pid::from_child(&self.process).as_raw_nonzero().get())
     }
 
     /// What it used, once it has ended, with those before it in its place.

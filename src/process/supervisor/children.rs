@@ -160,7 +160,7 @@ impl<'a> Children<'a> {
                 return;
             }
             if let Some(watch) = &mut watch
-                && let Some((Role::Control, _)) = watch.look()
+                && let Some((Role::Control, _)) = watch.look(&[])
             {
                 return;
             }

@@ -23,6 +23,8 @@ const GIVE_UP_AFTER: SpanNs = SpanNs(6_000_000_000);
 /// A silence of a process that can be started anew. The arm holds already, so that a mistake costs no more than that start; a driver of a camera that is opened anew may
 /// take a second or two.
 const START_ANEW_AFTER: SpanNs = SpanNs(3_000_000_000);
+/// The same of one that the kernel tells to be suspended by a signal, as by `kill -STOP`: it is not slow, and a second after the signal another one is there.
+const SUSPENDED_FOR: SpanNs = SpanNs(400_000_000);
 /// From the start of a process to its first sign: a busy machine may take its time.
 const START_UP: SpanNs = SpanNs(20_000_000_000);
 /// Heartbeats after which the main loop of a process has come round: the first one comes when it joins.
@@ -111,8 +113,12 @@ impl HangWatch {
         self.ticks.last.is_some()
     }
 
-    /// Checks at `now`; returns the process that has been silent for too long, and for how long.
-    pub(super) fn look(&mut self, now: MonoNs) -> Option<(Role, SpanNs)> {
+    /// Checks at `now`; returns the process that has been silent for too long, and for how long. `is_suspended` says of which one the kernel tells that.
+    pub(super) fn look(
+        &mut self,
+        now: MonoNs,
+        is_suspended: impl Fn(Role) -> bool,
+    ) -> Option<(Role, SpanNs)> {
         if now < self.next_look {
             return None;
         }
@@ -121,10 +127,13 @@ impl HangWatch {
         for heart in self.heartbeats.iter_mut().filter(|heart| !heart.is_away) {
             heart.listen(&self.instance, now);
             let can_be_mended = heart.role != Role::Control && self.clock == Clock::Realtime;
-            let patience = if can_be_mended && heart.works() {
-                Patience { silence: START_ANEW_AFTER, then: "it is started anew" }
-            } else {
+            let then = "it is started anew";
+            let patience = if !can_be_mended || !heart.works() {
                 ENDS_THE_RUN
+            } else if is_suspended(heart.role) {
+                Patience { silence: SUSPENDED_FOR, then }
+            } else {
+                Patience { silence: START_ANEW_AFTER, then }
             };
             hangs = heart.sign.judge(heart.role, "shows no sign of life", patience, now).or(hangs);
         }
@@ -216,7 +225,7 @@ mod tests {
         let mut time = crate::rt::now();
         let mut look = |watch: &mut HangWatch| {
             time = time + PERIOD;
-            assert_eq!(watch.look(time), None);
+            assert_eq!(watch.look(time, |_| false), None);
             watch.working().count()
         };
         let lock = instance.lock(role).unwrap();
@@ -247,7 +256,7 @@ mod tests {
             let hangs = (0..100).find_map(|_| {
                 time = time + PERIOD;
                 lock.heartbeat().unwrap().tell_progress(progress);
-                watch.look(time)
+                watch.look(time, |_| false)
             });
             assert_eq!(
                 hangs.map(|(role, silent)| (role, silent.as_s() as i64)),

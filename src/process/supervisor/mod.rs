@@ -28,7 +28,7 @@ use crate::messages::{DRIVE_TEXT_BYTES, Status};
 use crate::report::summary::Summary;
 use crate::rt::{ServiceWatchdog, now, tell_service_manager};
 use crate::time::SpanNs;
-use child::ProcessEnd;
+use child::{Child, ProcessEnd};
 use children::Children;
 use hang_watch::HangWatch;
 use latch_signal::LatchSignal;
@@ -221,7 +221,7 @@ struct Watch {
 
 impl Watch {
     /// Takes what control says and looks at everybody's signs of life; who has been silent for too long.
-    fn look(&mut self) -> Option<(Role, SpanNs)> {
+    fn look(&mut self, children: &[Child]) -> Option<(Role, SpanNs)> {
         self.latch.look();
         if let Some(Ok(Some(status))) = self.status.as_ref().map(Receiver::receive_newest) {
             let before = self.last_tick.replace(status.tick);
@@ -237,7 +237,8 @@ impl Watch {
             self.progress.show(&status);
             self.hang_watch.note(&status, now());
         }
-        self.hang_watch.look(now())
+        let child_of = |role| children.iter().find(|child| child.role() == role);
+        self.hang_watch.look(now(), |role| child_of(role).is_some_and(Child::is_suspended))
     }
 
     /// Starts anew what died, when its time has come, and takes note of what is back.
@@ -260,7 +261,7 @@ impl Watch {
     fn until_the_end(&mut self, children: &mut Children<'_>, stop: &StopFlag) -> Option<Failure> {
         let mut drive_left = None;
         let failure = loop {
-            let silent = self.look();
+            let silent = self.look(&children.others);
             if children.control.poll().is_some() || stop.is_requested() {
                 break None;
             }
