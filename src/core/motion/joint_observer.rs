@@ -78,6 +78,8 @@ const STEPS_WIDE_1_S: f64 = 200.0;
 /// then within 0.1 mrad. Where all joints were treated so, an xArm7 with hard friction hunted for 9 to 17 s with a quarter of it, and for 2 to 13 s with this.
 const STANDS: f64 = 1e-4;
 const STUCK: f64 = 4e-3;
+/// Times the Coulomb friction that may drive a joint that comes loose: static friction may be larger than the model's, and turns into torque at once. Chosen: friction is tested up to twice that of the file.
+const LOOSE: f64 = 2.0;
 /// Largest share of the model's friction that is compensated, over the confirmed one where that is more than [`MOST_UNMEASURED`]: a joint that sticks and
 /// slips makes the estimate grow, and more than its true friction drives it. Chosen by hand: a quarter more than the confirmed share.
 const MOST_FRICTION: f64 = 1.25;
@@ -182,11 +184,12 @@ impl<const N: usize> JointObserver<N> {
         (&self.p, &self.t)
     }
 
-    /// The share of the model's friction that is compensated.
+    /// The share of the model's friction that is compensated; none of a joint that is braked without being seen, whose friction may have been learnt while its encoder stood.
     pub(super) fn friction_share(&self) -> SVector<f64, N> {
         let share = self.friction.share().add_scalar(1.0).component_mul(self.confirmed.share());
-        share.zip_map(self.confirmed.share(), |share, confirmed| {
-            share.min(MOST_FRICTION * confirmed.max(MOST_UNMEASURED))
+        SVector::from_fn(|i, _| {
+            let most = MOST_FRICTION * self.confirmed.share()[i].max(MOST_UNMEASURED);
+            if self.settled && self.unheard[i] { 0.0 } else { share[i].min(most) }
         })
     }
 
@@ -381,6 +384,8 @@ impl<const N: usize> JointObserver<N> {
                 speed,
                 slip: commanded.slip[i],
                 has_coulomb: friction.coulomb > 0.0,
+                loose: (commanded.u[i] - self.p[i]).abs()
+                    + (self.t[i].abs() + LOOSE * friction.coulomb) / settings.inertia[i],
             };
             self.sticking.note(i, probing, &standing);
             if rate > 0.0 && !probing {

@@ -2,7 +2,7 @@
 //!
 //! The velocity by which a joint differs from its reference is the mean over [`SPAN`] ticks of measured positions, so that quantized and noisy encoders do not look
 //! like a swing. A half swing is a change of its sign with [`AMPLITUDE`] on both sides; [`HALVES`] of them within [`WITHIN`] are a fault. Faster swings than 50 Hz are
-//! averaged out; drives and gears damp them.
+//! averaged out; drives and gears damp them. A single state that is off, as by a spike of an encoder, is none either: of three states the middle one counts.
 //!
 //! Of a drive that is slower than control the ticks between two states have errors between theirs: a position that stays the same for some ticks and then leaps is no swing.
 
@@ -26,7 +26,9 @@ pub(super) struct SwingWatch<const N: usize> {
     /// Positions less those of the reference, the oldest at `next`, rad or m.
     error: [SVector<f64, N>; SPAN],
     next: usize,
-    /// The error of the last new state, and the ticks since then.
+    /// The errors of the two states before.
+    before: [SVector<f64, N>; 2],
+    /// The middle error of the last new state, and the ticks since then.
     last: SVector<f64, N>,
     without: u32,
     /// Ticks since the last restart.
@@ -51,6 +53,7 @@ impl<const N: usize> Default for SwingWatch<N> {
             gone: SVector::zeros(),
             error: [SVector::zeros(); SPAN],
             next: 0,
+            before: [SVector::zeros(); 2],
             last: SVector::zeros(),
             without: 0,
             ticks: 0,
@@ -68,6 +71,9 @@ impl<const N: usize> SwingWatch<N> {
             self.without += 1;
             return false;
         }
+        let [a, b] = if self.ticks == 0 { [error; 2] } else { self.before };
+        self.before = [b, error];
+        let error = SVector::from_fn(|i, _| a[i].max(b[i]).min(a[i].min(b[i]).max(error[i])));
         let ticks = std::mem::take(&mut self.without) + 1;
         let last = std::mem::replace(&mut self.last, error);
         let from = if self.ticks == 0 { error } else { last };
@@ -136,6 +142,7 @@ mod tests {
         assert_eq!(told(2000, |t| 0.4 / omega * (omega * t).sin()), None, "below the amplitude");
         let mut random = Random::new(3);
         assert_eq!(told(60_000, |_| 5e-4 * random.gaussian()), None);
+        assert_eq!(told(60_000, |_| if random.uniform() < 0.02 { 0.02 } else { 0.0 }), None, "spikes");
         assert_eq!(told(60_000, |t| ((0.3 * t).sin() / 5e-4).round() * 5e-4 - (0.3 * t).sin()), None);
     }
 }

@@ -84,6 +84,8 @@ pub struct JointController<const N: usize> {
     /// The acceleration limits of the reference, rad/s^2 or m/s^2, and the share of them for which the efforts of the arm suffice with its payload.
     acceleration: SVector<f64, N>,
     acceleration_share: f64,
+    /// The same, less since the model's torque for the reference was more than the efforts.
+    effort_share: f64,
     /// Share of velocities with which the arm may move on, less than 1 where it can hardly hold its payload.
     strength: f64,
     /// Whether the arm carries a payload, told or found, so that its efforts may not suffice for its accelerations.
@@ -116,6 +118,7 @@ impl<const N: usize> JointController<N> {
             ticks: 0,
             acceleration: SVector::zeros(),
             acceleration_share: 1.0,
+            effort_share: 1.0,
             strength: 1.0,
             is_laden: false,
             is_overloaded: false,
@@ -335,6 +338,8 @@ impl<const N: usize> JointController<N> {
         feedback: &Feedback<N>,
     ) -> JointTorque<N> {
         let Torques { wanted, expected, friction } = self.torques(robot, q, qd, feedback);
+        let exceeds = expected.iter().zip(robot.limits()).any(|(torque, limit)| torque.abs() > limit.effort);
+        self.effort_share = laden::share_after(self.effort_share, exceeds);
         let (beyond, stalled) = self.stall.bound(
             robot,
             (q, qd),

@@ -32,8 +32,8 @@ const MEAN_S: f64 = 0.02;
 /// of coarse encoders a step in [`STEP_S`]. Measured over 800 runs with gains up to 60 1/s, late images, and rotors and payloads that no file tells: with a braking torque of 15 % of
 /// the effort at 0.02 rad/s, beside the bound about `x_0`, three SCARAs with heavy rotors still swung for ever; with this none of 400.
 const BRAKED: f64 = 0.01;
-/// Speed of its reference below which a joint is to rest, rad/s or m/s. Chosen by hand: a tenth of [`BRAKED`].
-const RESTS: f64 = 1e-3;
+/// How far a reference may go while its joint is to rest, rad or m. Chosen by hand, three times [`BAND`]: one that follows the view of a joint that swings by that swings with it.
+const RESTS: f64 = 3e-3;
 /// Time for which it must have rested before, s. Chosen by hand: where rotors or a payload are found, references rest for moments.
 const RESTED_S: f64 = 0.2;
 /// Time between two encoder steps below which a joint moves, s. Chosen by hand: ten ticks, in which the noise of a step is no more than one.
@@ -46,8 +46,8 @@ const AHEAD: f64 = 3.0;
 #[derive(Debug, Clone)]
 pub(super) struct StallGuard<const N: usize> {
     last: Option<[Moved; N]>,
-    /// For how long each reference has rested, s.
-    rested_s: [f64; N],
+    /// For how long each reference has rested, s, and how far it has gone meanwhile, rad or m.
+    rested: [(f64, f64); N],
 }
 
 /// A joint where it last moved.
@@ -64,7 +64,7 @@ struct Moved {
 
 impl<const N: usize> Default for StallGuard<N> {
     fn default() -> Self {
-        Self { last: None, rested_s: [0.0; N] }
+        Self { last: None, rested: [(0.0, 0.0); N] }
     }
 }
 
@@ -89,8 +89,9 @@ impl<const N: usize> StallGuard<N> {
         let begin =
             || std::array::from_fn(|i| Moved { q: q[i], beyond: beyond[i], since_s: 0.0, ahead: 0.0 });
         let (mut bounded, mut stalled) = (*beyond, 0);
-        for (rested_s, velocity) in self.rested_s.iter_mut().zip(velocity) {
-            *rested_s = if velocity.abs() < RESTS { *rested_s + TICK.as_s() } else { 0.0 };
+        for ((rested_s, way), velocity) in self.rested.iter_mut().zip(velocity) {
+            let gone = *way + velocity * TICK.as_s();
+            (*rested_s, *way) = if gone.abs() < RESTS { (*rested_s + TICK.as_s(), gone) } else { (0.0, 0.0) };
         }
         let joints = self.last.get_or_insert_with(begin).iter_mut().zip(robot.limits()).zip(robot.friction());
         for (i, ((last, limit), friction)) in joints.enumerate() {
@@ -105,7 +106,7 @@ impl<const N: usize> StallGuard<N> {
             let reach = SHARE * limit.effort + friction.coulomb;
             let (mut least, mut most) = (last.beyond - reach, last.beyond + reach);
             let speed = (qd[i] / BRAKED.max(steps[i] / STEP_S)).clamp(-1.0, 1.0);
-            let moves = if self.rested_s[i] >= RESTED_S { speed } else { 0.0 };
+            let moves = if self.rested[i].0 >= RESTED_S { speed } else { 0.0 };
             if moves > 0.0 {
                 least += moves * (-limit.effort - least).min(0.0);
             } else {
