@@ -99,7 +99,7 @@ impl MeasurementLog {
             error_px: f64::NAN,
             latency: LatencyStages::default(),
             degraded: false,
-            model_error: ModelErrorLog::default(),
+            model_error: ModelErrorLog::new(),
         }
     }
 

@@ -56,15 +56,18 @@ pub struct ModelError {
 }
 
 impl ModelErrorLog {
+    /// Memory is taken once.
+    pub(super) fn new() -> Self {
+        Self { views: Vec::with_capacity(VIEWS), ..Self::default() }
+    }
+
     /// Takes in a measurement in which the target was found.
     pub(super) fn note(&mut self, m: &Measurement) {
         if m.flags & measurement_flag::MODEL_ERROR != 0 {
             self.count += 1;
             self.max_rms_px = self.max_rms_px.max(m.reprojection_rms_px);
-        } else if self.count == 0 {
-            return;
         }
-        // Views without a misfit tell, too, where the lens would show.
+        // Views without a misfit tell, too, be they before the first one: a lens would show in them, a shadow that came later would not.
         if m.features().len() < 4 {
             return;
         }
