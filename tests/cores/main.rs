@@ -23,6 +23,7 @@ mod friction;
 mod goal_noise;
 mod goal_path;
 mod goals_at_random;
+mod held_gain;
 mod hostile;
 mod identity;
 mod injected_faults;
