@@ -69,6 +69,7 @@ mod truth;
 mod turned_camera;
 mod uncalibrated;
 mod untold_friction;
+mod untold_payload;
 mod untold_rotors;
 mod untrue_events;
 mod workspace;
