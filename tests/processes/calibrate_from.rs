@@ -83,3 +83,39 @@ fn runs_that_tell_nothing_are_refused_in_words() {
     let nothing = from(&folder.path().join("nothing.mcap"), &[]);
     assert_eq!(nothing.status.code(), Some(3), "{}", text(&nothing));
 }
+
+/// A load that a run in torques has moved is told with its deviation, by recording and report, and written; a drive that takes positions tells none, and what would.
+#[test]
+fn the_load_of_a_run_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let (recording, report) = (folder.path().join("run.mcap"), folder.path().join("report"));
+    let payload = ["drive.simulated.payload_kg=1.5", "drive.simulated.payload_com_m=[0.02, 0.0, 0.06]"];
+    recorded("from-load", "ur5", &payload, &recording, &report);
+    for place in [&recording, &report] {
+        let told = from(place, &["--json"]);
+        assert_eq!(told.status.code(), Some(0), "{}", text(&told));
+        let found: Value = serde_json::from_slice(&told.stdout).unwrap();
+        let load = &found["load"];
+        let (mass, sd) = (load["mass_kg"].as_f64().unwrap(), load["mass_sd_kg"].as_f64().unwrap());
+        assert!((mass - 1.5).abs() < 4.0 * sd && sd < 0.5, "{load}");
+        for (k, truth) in [0.02, 0.0, 0.06].into_iter().enumerate() {
+            let (com, sd) = (load["com_m"][k].as_f64().unwrap(), load["com_sd_m"][k].as_f64().unwrap());
+            assert!((com - truth).abs() < 4.0 * sd, "{k}: {load}");
+        }
+        assert_eq!(found["load_unseen"], Value::Null);
+        assert!(text(&from(place, &[])).contains("load: the flange carries 1."));
+    }
+    let out = folder.path().join("laden.toml");
+    let written = from(&recording, &["--out", out.to_str().unwrap()]);
+    assert_eq!(written.status.code(), Some(0), "{}", text(&written));
+    let again = run("from-laden", &[out.to_str().unwrap(), "--clock", "lockstep"]);
+    assert_eq!(again.summary["outcome"], "converged", "{}", again.text());
+    let (recording, report) = (folder.path().join("2.mcap"), folder.path().join("2"));
+    let positions = ["drive.mode=position", payload[0]];
+    recorded("from-positions", "ur5", &positions, &recording, &report);
+    for place in [&recording, &report] {
+        let found: Value = serde_json::from_slice(&from(place, &["--json"]).stdout).unwrap();
+        assert_eq!(found["load"], Value::Null, "{found}");
+        assert!(found["load_unseen"].as_str().unwrap().contains("drive.mode = \"torque\""), "{found}");
+    }
+}

@@ -364,7 +364,8 @@ pub fn control_loop_with<const N: usize>(
         tolerance_px: config.goal.feature_error_px,
         hold: config.goal.hold,
     };
-    let truth = config.scene.as_ref().map(truth).transpose()?;
+    let one_lens = Some(&config.camera.model).filter(|_| config.stereo.is_none());
+    let truth = config.scene.as_ref().map(|scene| truth(scene, one_lens)).transpose()?;
     let of_loop = LoopSettings {
         served: config.serve,
         moves_an_arm: closed_loop,

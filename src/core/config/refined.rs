@@ -1,15 +1,26 @@
 //! A run file with what `vservo calibrate from` has refined.
 
 use super::Config;
+use super::raw::RawTool;
 use crate::calibration::from_run::RunRefinement;
+use crate::calibration::load::LoadEstimate;
 use nalgebra::Rotation3;
 
+/// A rest of the simulated payload below which there is none, kg. Chosen by hand: below what torques tell of a mass.
+const LIGHTEST_KG: f64 = 0.01;
+/// Farthest centre of mass of such a rest, m. Chosen by hand: a small difference of two moments may be anywhere.
+const FARTHEST_M: f64 = 0.3;
+
 impl Config {
-    /// The whole run file with lens, mount, stamp offset and size of the target as `found`. What a simulated cell really is stays as it was.
+    /// The whole run file with lens, mount, stamp offset and size of the target as `found`, and with the `load` that shows. What a simulated cell really is stays as it was.
     ///
     /// # Errors
     /// When it cannot be written as TOML, which no valid configuration causes.
-    pub fn refined_toml(&self, found: &RunRefinement) -> Result<String, toml::ser::Error> {
+    pub fn refined_toml(
+        &self,
+        found: &RunRefinement,
+        load: Option<&LoadEstimate>,
+    ) -> Result<String, toml::ser::Error> {
         let mut refined = self.clone();
         let raw = &mut refined.effective;
         let old = self.camera.model.full_intrinsics();
@@ -39,6 +50,34 @@ impl Config {
         raw.camera.mount.rotation_rpy_rad = [roll, pitch, yaw];
         raw.camera.stamp_offset_ms += found.stamp_change_s * 1e3;
         raw.target = raw.target.scaled(found.size);
+        if let Some(load) = load.filter(|load| load.is_there) {
+            refined.carry(load);
+        }
         refined.to_toml()
+    }
+
+    /// Tells the load that was found. A simulated arm carries what is told and its payload: the whole stays as it was.
+    fn carry(&mut self, load: &LoadEstimate) {
+        let raw = &mut self.effective;
+        let told = raw.tool.clone();
+        let rounded = |x: f64| (x * 1e4).round() * 1e-4 + 0.0; // a tenth of a gram or millimetre: less than torques tell
+        let (body, I) = (&load.load, &load.load.about_com);
+        let moments = [I.m11, I.m22, I.m33, I.m12, I.m13, I.m23];
+        let inertia_kg_m2 = if load.has_inertia { moments } else { told.inertia_kg_m2 };
+        let com_m = [body.com.x, body.com.y, body.com.z].map(rounded);
+        raw.tool = RawTool { mass_kg: rounded(body.mass), com_m, inertia_kg_m2 };
+        let simulated = &mut raw.drive.simulated;
+        let rest_kg = simulated.payload_kg + told.mass_kg - raw.tool.mass_kg;
+        if !(rest_kg > LIGHTEST_KG) {
+            // an estimate above the truth leaves nothing
+            simulated.payload_kg = 0.0;
+            return;
+        }
+        let moment = |k: usize| {
+            simulated.payload_kg * simulated.payload_com_m[k] + told.mass_kg * told.com_m[k]
+                - raw.tool.mass_kg * raw.tool.com_m[k]
+        };
+        let com_m = std::array::from_fn(|k| (moment(k) / rest_kg).clamp(-FARTHEST_M, FARTHEST_M));
+        (simulated.payload_kg, simulated.payload_com_m) = (rest_kg, com_m);
     }
 }

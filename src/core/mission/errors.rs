@@ -63,17 +63,23 @@ pub(super) fn off_goal(set_point: &SetPoint, X_CO: &Pose) -> Option<(f64, f64)> 
     Some((X_DC.translation.vector.norm(), rotation_angle(&X_DC.rotation.to_rotation_matrix())))
 }
 
-/// Errors at the goal `set_point` of a camera with the focal lengths `f_px`, px, that truly sees the object at `true_view`, where that is known, or else by the last of its `measurements`.
+/// The goal as the true lens has it, with the focal lengths of that lens, px; of a goal that is an image. A lens that is believed and not true makes other features of
+/// the same pixels, and another pose of them: neither says where the camera truly stands.
+pub(super) type TrueGoal = (SetPoint, Vector2<f64>);
+
+/// Errors at the goal `set_point` of a camera with the focal lengths `f_px`, px, that truly sees the object at `true_view`, where that is known, or else by the last of its `measurements`. Of a goal that
+/// is an image the truth is compared with `true_goal`.
 pub(super) fn errors_of(
-    set_point: &SetPoint,
-    f_px: &Vector2<f64>,
+    (set_point, f_px): (&SetPoint, &Vector2<f64>),
     measurements: &MeasurementLog,
     true_view: Option<Pose>,
+    true_goal: Option<&TrueGoal>,
 ) -> FinalErrors {
     let measured = measurements.last_found().and_then(|m| off_goal(set_point, &m.pose()?));
     let believed = MeasuredErrors::new(measurements.error_px(), measured);
     let errors = true_view.map_or(believed, |X_CO| {
-        MeasuredErrors::new(set_point.error_rms_px_at(&X_CO, f_px), off_goal(set_point, &X_CO))
+        let (goal, f_px) = true_goal.map_or((set_point, f_px), |(goal, f_px)| (goal, f_px));
+        MeasuredErrors::new(goal.error_rms_px_at(&X_CO, f_px), off_goal(goal, &X_CO))
     });
     FinalErrors {
         feature_error_px: errors.feature_error_px,

@@ -58,6 +58,7 @@ use crate::motion::{ActingLimits, Limit, SpaceLimit, Workspace};
 use crate::servo::{MeasurementVerdict, SetPoint, View};
 use crate::time::MonoNs;
 use accuracy::RunViewLog;
+use errors::TrueGoal;
 use goal_path::TrackingSums;
 use goal_watch::GoalWatch;
 use nalgebra::SVector;
@@ -69,7 +70,7 @@ use residual::{
 use run_end::{HELD_OFF, LAST_FRAME, LATELY, MOTION_OVER, NO_MORE_FRAMES, RunEnd};
 use std::collections::VecDeque;
 use teaching::GoalTeacher;
-use truth::Truth;
+use truth::{Truth, true_goal};
 
 /// Ticks between two status records. Chosen by hand: 50 Hz is more than a person follows and 5 % of the ticks.
 const STATUS_PERIOD: u64 = 20;
@@ -91,6 +92,7 @@ pub struct Mission<const N: usize> {
     /// The last goal of each target, by the targets' numbers.
     goals: Vec<SetPoint>,
     truth: Option<Truth<N>>,
+    true_goal: Option<TrueGoal>,
     measurements: MeasurementLog,
     teacher: Option<GoalTeacher>,
     /// The first exposure that is taught from: the arm must stand.
@@ -147,6 +149,7 @@ impl<const N: usize> Mission<N> {
             plan,
             task,
             goals: vec![goal.set_point.clone()],
+            true_goal: true_goal(truth.as_ref(), &goal.set_point),
             goal,
             second: None,
             truth,

@@ -7,6 +7,7 @@
 //! ```
 
 use super::accuracy::RunViewLog;
+use super::truth::true_goal;
 use super::{BelievedCell, Mission, RunTask, vector};
 use crate::control::behaviour::CommandedMotion;
 use crate::control::lifecycle::{Refusal, Request};
@@ -193,6 +194,7 @@ impl<const N: usize> Mission<N> {
         if let Some(place) = self.goals.get_mut(set_point.target() as usize) {
             place.clone_from(&set_point);
         }
+        self.true_goal = true_goal(self.truth.as_ref(), &set_point);
         (self.goal.set_point, self.goal.id) = (set_point, self.goal.id.saturating_add(1));
         self.goal_watch.begin_anew();
         self.residual.begin_anew();

@@ -1,13 +1,13 @@
 //! The goal of a second camera that controls the arm beside the first one: it is counted and judged by itself, and a run has reached its goal when both have.
 
-use super::errors::errors_of;
+use super::errors::{TrueGoal, errors_of};
 use super::goal_watch::{CONVERGED, GoalWatch};
 use super::residual::{ResidualWatch, is_at_its_end};
 use super::{FinalErrors, Goal, MeasurementLog, Mission};
 use crate::control::outcome::Finish;
 use crate::control::trace::Trace;
 use crate::messages::{ControlState, Measurement};
-use crate::mission::truth::Truth;
+use crate::mission::truth::{Truth, true_goal};
 use crate::servo::{MeasurementVerdict, SetPoint, View};
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::{SVector, Vector2};
@@ -27,6 +27,7 @@ pub struct SecondGoal<const N: usize> {
     /// Focal lengths that turn normalized errors into pixels.
     f_px: Vector2<f64>,
     truth: Option<Truth<N>>,
+    true_goal: Option<TrueGoal>,
     measurements: MeasurementLog,
     watch: GoalWatch,
     residual: ResidualWatch,
@@ -39,6 +40,7 @@ impl<const N: usize> SecondGoal<N> {
     pub fn new(camera: u32, set_point: SetPoint, f_px: Vector2<f64>, truth: Option<Truth<N>>) -> Self {
         Self {
             camera,
+            true_goal: true_goal(truth.as_ref(), &set_point),
             set_point,
             f_px,
             truth,
@@ -67,7 +69,7 @@ impl<const N: usize> SecondGoal<N> {
             .as_ref()
             .zip(q_true)
             .and_then(|(truth, q)| truth.X_CT(self.set_point.target(), q, since));
-        errors_of(&self.set_point, &self.f_px, &self.measurements, true_view)
+        errors_of((&self.set_point, &self.f_px), &self.measurements, true_view, self.true_goal.as_ref())
     }
 
     /// Takes in a measurement of its camera; what braking at the end shows is not `judged`.

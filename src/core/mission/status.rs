@@ -1,12 +1,13 @@
 //! Errors and status of a run.
 
-use super::errors::{errors_of, off_goal};
+use super::errors::{TrueGoal, errors_of, off_goal};
 use super::{FinalErrors, Goal, Hindsight, MeasurementLog, Mission};
 use crate::control::outcome::Finish;
 use crate::control::safety::ContactNumbers;
 use crate::control::trace::Trace;
 use crate::geometry::Pose;
 use crate::messages::{ControlState, Status, status_flag};
+use crate::servo::SetPoint;
 use crate::time::{SpanNs, TICK};
 
 impl<const N: usize> Mission<N> {
@@ -58,8 +59,22 @@ impl<const N: usize> Mission<N> {
 
     /// Position and orientation of the camera relative to the desired one, from truth or else from the last pose.
     fn pose_errors(&self) -> Option<(f64, f64)> {
-        let X_CO = self.true_view().or_else(|| self.measured_view())?;
-        off_goal(&self.goal.set_point, &X_CO)
+        let Some(X_CO) = self.true_view() else {
+            return off_goal(&self.goal.set_point, &self.measured_view()?);
+        };
+        off_goal(self.true_goal().map_or(&self.goal.set_point, |(goal, _)| goal), &X_CO)
+    }
+
+    /// The goal as the true lens has it, where it is an image and the cell is simulated.
+    fn true_goal(&self) -> Option<&TrueGoal> {
+        // on a path a goal is a pose
+        self.true_goal.as_ref().filter(|_| self.goal.set_point.is_seen())
+    }
+
+    /// The same of any goal.
+    #[must_use]
+    pub fn in_truth(&self, goal: &SetPoint) -> Option<SetPoint> {
+        self.truth.as_ref()?.sight.as_ref()?.goal(goal).map(|(goal, _)| goal)
     }
 
     /// The object in the camera by the last measurement, m.
@@ -85,7 +100,8 @@ impl<const N: usize> Mission<N> {
 
     /// Errors now: against simulated truth where there is one, else from the last measurement.
     pub(super) fn errors(&self) -> FinalErrors {
-        errors_of(&self.goal.set_point, &self.plan.f_px, &self.measurements, self.true_view())
+        let goal = (&self.goal.set_point, &self.plan.f_px);
+        errors_of(goal, &self.measurements, self.true_view(), self.true_goal())
     }
 
     pub(super) fn status(&self, trace: &Trace) -> Status {

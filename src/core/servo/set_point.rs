@@ -23,6 +23,7 @@ pub struct SetPoint {
     selection: Selection,
     n_D: Vector3<f64>,
     target: u32,
+    is_seen: bool,
 }
 
 impl SetPoint {
@@ -49,6 +50,7 @@ impl SetPoint {
             *z = p_D.z;
         }
         self.X_DO = Some(*X_DO);
+        self.is_seen = false;
         let n_D = X_DO.rotation * Vector3::z();
         self.n_D = if n_D.z < 0.0 { -n_D } else { n_D };
         true
@@ -72,6 +74,7 @@ impl SetPoint {
             selection: Selection::all_points(points.len()),
             n_D: Vector3::z(),
             target: 0,
+            is_seen: false,
         })
     }
 
@@ -118,6 +121,12 @@ impl SetPoint {
     pub fn is_of_pose(&self) -> bool {
         // A billionth of the focal length: rounding leaves less, and the finest measurement more.
         self.X_DO.is_some_and(|X_DO| self.error_rms_px_at(&X_DO, &Vector2::repeat(1.0)) < 1e-9)
+    }
+
+    /// Whether the goal is an image: features that were taught or given, to which the pose is only what is believed of them.
+    #[must_use]
+    pub fn is_seen(&self) -> bool {
+        self.is_seen
     }
 
     /// What the law compares.

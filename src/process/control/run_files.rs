@@ -138,7 +138,9 @@ fn poses<const N: usize>(config: &Config, run: &LockstepRun<N>, history: &RunHis
         }
     }
     for (goal, X_BO) in objects {
-        if let (Some(X_BO), Some(X_DO)) = (X_BO, goal.X_DO()) {
+        // Beside a true object stands the camera that truly sees it so.
+        let true_goal = run.mission.in_truth(goal);
+        if let (Some(X_BO), Some(X_DO)) = (X_BO, true_goal.as_ref().unwrap_or(goal).X_DO()) {
             pose(&mut out, &format!("D{}", suffix(goal)), &(X_BO * X_DO.inverse()));
         }
         if let Some(X_DO) = goal.X_DO() {

@@ -59,7 +59,8 @@ impl<const N: usize> LoadRecording<N> {
     }
 
     /// Whether each tick has measured torques: these are used then.
-    pub(super) fn is_measured(&self) -> bool {
+    #[must_use]
+    pub fn is_measured(&self) -> bool {
         !self.ticks.is_empty() && self.ticks.iter().all(|tick| tick.measured.is_some())
     }
 

@@ -1,11 +1,12 @@
 //! Assembly of what sees for control: which cameras it goes by, and law and goal of a second one.
 
 use super::AssembleError;
+use crate::camera_model::CameraModel;
 use crate::config::{Camera, Config, Scene};
 use crate::control::controller::SecondServo;
 use crate::control::safety::MeasurementWatch;
 use crate::mission::SecondGoal;
-use crate::mission::truth::Truth;
+use crate::mission::truth::{TrueSight, Truth};
 use crate::servo::VisualServo;
 use nalgebra::Vector2;
 
@@ -38,8 +39,20 @@ pub(super) fn f_px(camera: &Camera) -> Vector2<f64> {
     Vector2::new(i.fx_px, i.fy_px)
 }
 
-pub(super) fn truth<const N: usize>(scene: &Scene) -> Result<Truth<N>, AssembleError> {
-    Ok(Truth { robot: scene.arm.build()?, mount: scene.mount, objects: scene.places().collect() })
+/// The truth of a `scene` that control sees by the lens `believed`; `None`: by a pair of cameras.
+pub(super) fn truth<const N: usize>(
+    scene: &Scene,
+    believed: Option<&CameraModel>,
+) -> Result<Truth<N>, AssembleError> {
+    let targets =
+        std::iter::once(&scene.target).chain(scene.further_targets.iter().map(|object| &object.target));
+    let points = targets.map(|target| target.features().map(|point| point.p_O).collect());
+    let sight = believed.map(|believed| TrueSight {
+        camera: scene.camera,
+        believed: *believed,
+        points: points.collect(),
+    });
+    Ok(Truth { robot: scene.arm.build()?, mount: scene.mount, objects: scene.places().collect(), sight })
 }
 
 /// The law of a second camera, whose measurements `watch` is to watch.
@@ -56,6 +69,6 @@ pub(super) fn second_servo<const N: usize>(
 pub(super) fn second_goal<const N: usize>(config: &Config) -> Result<Option<SecondGoal<N>>, AssembleError> {
     let Some(second) = &config.second_view else { return Ok(None) };
     let cell = &second.cell;
-    let truth = cell.scene.as_ref().map(truth).transpose()?;
+    let truth = cell.scene.as_ref().map(|scene| truth(scene, Some(&cell.camera.model))).transpose()?;
     Ok(Some(SecondGoal::new(cell.camera.id.into(), cell.set_point.clone(), f_px(&cell.camera), truth)))
 }

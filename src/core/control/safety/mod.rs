@@ -220,7 +220,7 @@ impl Fault {
                  a position more than a range away from its range"
             }
             Self::TrackingError => {
-                "a joint is farther from its reference than safety.max_tracking_error_rad_or_m"
+                "a joint is farther from its reference than safety.max_tracking_error_rad_or_m; one that gives way as a run begins bears more than [tool] tells"
             }
             Self::DeadlinesMissed => {
                 "more deadlines in a row were missed than safety.max_missed_deadlines_in_a_row"

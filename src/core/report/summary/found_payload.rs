@@ -8,6 +8,9 @@ use serde::{Deserialize, Serialize};
 /// A centre of mass that is less certain along an axis, m, is not told. Chosen by hand: as `vservo calibrate load` has it.
 const UNSEEN_M: f64 = 0.05;
 
+/// Share of a mass that its standard deviation may be for the mass to be told. Chosen by hand: two deviations from none.
+const UNSEEN_SHARE: f64 = 0.5;
+
 /// A payload that was estimated from the torques of the joints.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct FoundPayload {
@@ -47,6 +50,12 @@ impl FoundPayload {
                 format!("its centre does not show in this motion (+- [{x_sd:.0}, {y_sd:.0}, {z_sd:.0}] mm)")
             }
         };
+        if self.mass_sd_kg > UNSEEN_SHARE * self.mass_kg {
+            return format!(
+                "more than [tool] tells, and this motion does not show of which mass (sd {:.2} kg): `vservo calibrate load` moves the joints so that it shows",
+                self.mass_sd_kg
+            );
+        }
         format!("{:.2} +- {:.2} kg, which [tool] does not tell; {com}", self.mass_kg, self.mass_sd_kg)
     }
 }

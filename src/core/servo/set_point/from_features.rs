@@ -1,6 +1,7 @@
 //! A set-point from desired features alone, given as numbers or taught. The desired pose is found by a search, which is not done in a tick.
 
 use super::SetPoint;
+use crate::camera_model::CameraModel;
 use crate::geometry::Pose;
 use crate::messages::MAX_FEATURES;
 use crate::pose::{Correspondence, Correspondence3, planar_pose, refine_3d};
@@ -31,7 +32,25 @@ impl SetPoint {
         for (place, s) in set_point.s_d.iter_mut().zip(s_d) {
             *place = *s;
         }
+        set_point.is_seen = true;
         Some(set_point)
+    }
+
+    /// The goal of an image as it truly is, where `self` has it by the lens `believed`: the same pixels by the lens `truth`, of the points where they truly are, `p_O`,
+    /// m, with the pose from which that lens sees them so. `None` of a goal that is a pose, and where the points are others.
+    #[must_use]
+    pub fn in_truth(&self, believed: &CameraModel, truth: &CameraModel, p_O: &[Point3<f64>]) -> Option<Self> {
+        if !self.is_seen {
+            return None;
+        }
+        let mut s_d = [Vector2::zeros(); MAX_FEATURES];
+        for (place, s) in s_d.iter_mut().zip(self.features()) {
+            *place = truth.normalized_of(&believed.pixel_of(s));
+        }
+        let z_d_m = self.depths_m().iter().sum::<f64>() / self.count as f64;
+        let found = Self::from_features(s_d.get(..self.count)?, p_O, z_d_m)?;
+        let near = self.X_DO().filter(|_| found.X_DO().is_none());
+        near.and_then(|X_DO| found.posed_near(X_DO)).unwrap_or(found).of_target_of(self)
     }
 
     /// Another goal of the same target: its points with other features, from about as far away. Where these fix no pose it is that one of two near the present one.
@@ -64,6 +83,13 @@ impl SetPoint {
         }
         let found = refine_3d(guess, seen.get(..self.count)?, 1.0).ok()?;
         let posed = Self::from_pose(&found.X_CO, self.points())?;
-        Some(Self { s_d: self.s_d, ids: self.ids, selection: self.selection, target: self.target, ..posed })
+        Some(Self {
+            s_d: self.s_d,
+            ids: self.ids,
+            selection: self.selection,
+            target: self.target,
+            is_seen: self.is_seen,
+            ..posed
+        })
     }
 }

@@ -155,7 +155,7 @@ impl<'a, const N: usize> Judgement<'a, N> {
         Self {
             task,
             scene,
-            truth: Truth { robot, mount: scene.mount, objects: scene.places().collect() },
+            truth: Truth { robot, mount: scene.mount, objects: scene.places().collect(), sight: None },
             X_DO,
             points,
             goal_px,

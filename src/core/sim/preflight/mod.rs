@@ -36,7 +36,7 @@ use crate::robot::{JointDescription, Mount, Robot, RobotError};
 use crate::scene::{SceneMotion, Visibility};
 use crate::servo::Stability;
 use nalgebra::{Point3, SVector, Vector3};
-use reach::ReachProblem;
+use reach::{ReachProblem, in_truth, unasked};
 use serde::Serialize;
 use std::borrow::Cow;
 
@@ -84,6 +84,9 @@ pub struct Preflight {
     /// Whether another camera controls the arm, too, and may do so while this one does not see its target.
     #[serde(skip)]
     pub has_another_view: bool,
+    /// The key of the goal that the run goes by.
+    #[serde(skip)]
+    pub goal_key: &'static str,
     /// Whether the object rests, so that what is seen now stays true.
     pub object_rests: bool,
 }
@@ -156,17 +159,19 @@ impl Preflight {
         let start = config.scene.as_ref().map(|scene| start(config, scene, &q_start)).transpose()?;
         let taught = config.goal.is_taught;
         let X_WO = config.X_WO();
+        let truth = in_truth(config);
+        let cell = truth.as_ref().unwrap_or(config);
         let X_DO = match config.task {
-            Task::Servo if !taught && config.servo.estimation.is_none() => config.set_point.X_DO().copied(),
+            Task::Servo if !taught && config.servo.estimation.is_none() => cell.set_point.X_DO().copied(),
             _ => None,
         };
         let goal = X_DO.map(|X_DO| {
-            let X_BC = match config.camera.mount {
+            let X_BC = match cell.camera.mount {
                 Mount::EyeInHand { .. } | Mount::EyeOnLink { .. } => X_WO.map(|X_WO| X_WO * X_DO.inverse()),
                 Mount::EyeToHand { X_BC } => Some(X_BC),
             };
-            let visibility = Visibility::of(&config.target, &config.camera.model, &X_DO);
-            Viewpoint::new(config, X_DO, X_BC, visibility)
+            let visibility = Visibility::of(&cell.target, &cell.camera.model, &X_DO);
+            Viewpoint::new(cell, X_DO, X_BC, visibility)
         });
         let covered = config.scene.as_ref().zip(start.as_ref());
         let covered = covered.and_then(|(scene, start)| occlusion::covered(config, scene, start));
@@ -187,6 +192,7 @@ impl Preflight {
             goals: Vec::new(),
             postures: Vec::new(),
             notes: notes(config),
+            goal_key: if config.set_point.is_seen() { "servo.set_point" } else { "servo.desired" },
             // The cell of a second camera has the run file of both.
             has_another_view: config.effective.second_view.is_some(),
             object_rests: config.scene.as_ref().is_none_or(|scene| scene.motion == SceneMotion::Still),
@@ -196,7 +202,7 @@ impl Preflight {
             (Some(why), ..) => Reach::Unasked { why },
             (None, Some(X_WO), Some(X_DO)) => {
                 let question =
-                    ReachProblem { config, robot, q_start, set_point: &config.set_point, X_WO, X_DO };
+                    ReachProblem { config: cell, robot, q_start, set_point: &cell.set_point, X_WO, X_DO };
                 let (reach, found) = question.reach();
                 // What lies on the way of a motion that does not look is not asked.
                 preflight.way = found.filter(|_| !config.looks_and_moves()).map(|_| question.way());
@@ -232,13 +238,13 @@ impl Preflight {
         let mut faults: Vec<(&'static str, String)> =
             self.unseen_at_the_start().filter(|_| !self.has_another_view).into_iter().collect();
         if let Some((message, true)) = self.cut_at_the_goal() {
-            faults.push(("servo.desired", message));
+            faults.push((self.goal_key, message));
         }
-        if let Some(message) = words::out_of_reach(&self.reach) {
-            faults.push(("servo.desired", message));
+        if let Some(message) = words::out_of_reach(self) {
+            faults.push((self.goal_key, message));
         }
         let held_off = self.space.iter().filter_map(SpaceAhead::held_off);
-        faults.extend(held_off.filter(|(_, futile)| *futile).map(|(message, _)| ("servo.desired", message)));
+        faults.extend(held_off.filter(|(_, futile)| *futile).map(|(message, _)| (self.goal_key, message)));
         faults.extend(self.path.iter().filter_map(|path| Some(("servo.path", path.fault()?))));
         faults.into_iter().map(|(key, message)| (key.into(), message)).collect()
     }
@@ -253,7 +259,7 @@ impl Preflight {
         let unstable = self.stability.iter().filter(|stability| stability.is_doubtful());
         let unstable = unstable.map(|stability| ("servo.depth", words::unstable(stability)));
         let overload = self.overload.clone().map(|message| ("robot.model", message));
-        let doubts = cut.chain(way).map(|message| ("servo.desired", message));
+        let doubts = cut.chain(way).map(|message| (self.goal_key, message));
         // Each where it stands itself: several have one table above them, which stands where the first one does.
         let of_goal = |goal: &NamedGoalAhead| {
             let told = |doubt: &String| (format!("goals.{}", goal.name).into(), doubt.clone());
@@ -288,23 +294,6 @@ impl Preflight {
     #[must_use]
     pub fn lines(&self) -> Vec<String> {
         words::lines(self)
-    }
-}
-
-/// Why nobody asks whether the goal is within reach; `None` where it is asked.
-fn unasked(config: &Config) -> Option<&'static str> {
-    if config.task != Task::Servo {
-        Some("a calibration finds its postures by itself")
-    } else if !config.closes_the_loop() {
-        Some("no arm moves in this run")
-    } else if config.goal.is_taught {
-        Some("the goal is what the camera sees at the start")
-    } else if config.servo.estimation.is_some() {
-        Some("the image Jacobian is learnt: which posture shows the goal is not known")
-    } else if config.scene.is_none() {
-        Some("where the object lies is known when the camera sees it")
-    } else {
-        None
     }
 }
 

@@ -1,6 +1,6 @@
 //! Whether the arm can bring the camera to the goal, and what lies on the straight path there: ends of ranges and singular postures.
 
-use crate::config::Config;
+use crate::config::{Config, Task};
 use crate::geometry::Pose;
 use crate::linalg::Random;
 use crate::robot::{Mount, Robot};
@@ -78,6 +78,34 @@ pub struct CameraPath {
     /// The joints on the way, rad or m.
     #[serde(skip)]
     pub postures: Vec<Vec<f64>>,
+}
+
+/// Why nobody asks whether the goal is within reach; `None` where it is asked.
+pub(super) fn unasked(config: &Config) -> Option<&'static str> {
+    if config.task != Task::Servo {
+        Some("a calibration finds its postures by itself")
+    } else if !config.closes_the_loop() {
+        Some("no arm moves in this run")
+    } else if config.goal.is_taught {
+        Some("the goal is what the camera sees at the start")
+    } else if config.servo.estimation.is_some() {
+        Some("the image Jacobian is learnt: which posture shows the goal is not known")
+    } else if config.scene.is_none() {
+        Some("where the object lies is known when the camera sees it")
+    } else {
+        None
+    }
+}
+
+/// The cell as it truly is to a goal that is an image: where the camera gets that sees it so is a matter of lens, mount and target, and not of what the run file
+/// believes of them. `None` of a goal that is a pose, and without a scene.
+pub(super) fn in_truth(config: &Config) -> Option<Config> {
+    let scene = config.scene.as_ref().filter(|_| config.stereo.is_none())?;
+    let points: Vec<_> = scene.target.features().map(|point| point.p_O).collect();
+    let set_point = config.set_point.in_truth(&config.camera.model, &scene.camera, &points)?;
+    let mut truth = Config { set_point, target: scene.target.clone(), ..config.clone() };
+    (truth.camera.model, truth.camera.mount) = (scene.camera, scene.mount);
+    Some(truth)
 }
 
 /// What is asked: the arm, the camera on it, and the goal.

@@ -168,13 +168,14 @@ pub(super) fn nearest(reach: &Reach) -> String {
 }
 
 /// The message of a goal that cannot be reached; `None` for others.
-pub(super) fn out_of_reach(reach: &Reach) -> Option<String> {
-    matches!(reach, Reach::Beyond { .. }).then(|| {
-        format!(
-            "the arm cannot bring the camera there: {}; change servo.desired or scene.object, or let `vservo place` propose both",
-            nearest(reach)
-        )
-    })
+pub(super) fn out_of_reach(ahead: &Preflight) -> Option<String> {
+    let help = if ahead.goal_key == "servo.desired" {
+        "change servo.desired or scene.object, or let `vservo place` propose both"
+    } else {
+        "teach the goal anew where this arm gets to (`vservo teach`), or change scene.object"
+    };
+    matches!(ahead.reach, Reach::Beyond { .. })
+        .then(|| format!("the arm cannot bring the camera there: {}; {help}", nearest(&ahead.reach)))
 }
 
 /// How far from instability the law is: the condition of the text, and how the slowest error falls.
