@@ -64,6 +64,14 @@ class StatusFlag(enum.IntFlag):
     SEARCHING = 2  # While the state is returning: the arm looks around for its target.
 
 
+class StopWordOffset(enum.IntEnum):
+    STOP = 0  # Add 1 to bring the arm to rest. The file is /dev/shm/vservo-NAME/stop of the instance NAME; each number has 8 bytes.
+    SHUTDOWN = 24  # Add 1 to bring the arm to rest and end the run.
+    LATCHED_STOP = 48  # Add 1, or write any other number than lies there, to bring the arm to rest by a fault that stays until it is reset.
+    GUARDIAN_STOP = 88  # How often the guardian has stopped the arm. A drive brakes by itself, and holds, as long as the next number is another one.
+    GUARDIAN_RESET = 96  # Up to which of them a reset has come.
+
+
 class TextKind(enum.IntEnum):
     JOINTS = 1  # Names of the joints.
     ROBOT = 2  # Words about the robot.

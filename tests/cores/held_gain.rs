@@ -60,7 +60,7 @@ fn drawn(random: &mut Random) -> (&'static str, Vec<String>, f64) {
 #[test]
 fn gains_that_overshoot_are_told() {
     let count = if std::env::var_os("VSERVO_CAMPAIGN").is_some() { 120 } else { 12 };
-    let mut random = Random::new(27_200);
+    let mut random = Random::new(61_311);
     let (mut most_silent, mut most_told) = (0.0, 0.0);
     for _ in 0..count {
         let (file, mut set, product) = drawn(&mut random);
