@@ -184,12 +184,11 @@ impl<const N: usize> JointObserver<N> {
         (&self.p, &self.t)
     }
 
-    /// The share of the model's friction that is compensated; none of a joint that is braked without being seen, whose friction may have been learnt while its encoder stood.
+    /// The share of the model's friction that is compensated.
     pub(super) fn friction_share(&self) -> SVector<f64, N> {
         let share = self.friction.share().add_scalar(1.0).component_mul(self.confirmed.share());
-        SVector::from_fn(|i, _| {
-            let most = MOST_FRICTION * self.confirmed.share()[i].max(MOST_UNMEASURED);
-            if self.settled && self.unheard[i] { 0.0 } else { share[i].min(most) }
+        share.zip_map(self.confirmed.share(), |share, confirmed| {
+            share.min(MOST_FRICTION * confirmed.max(MOST_UNMEASURED))
         })
     }
 

@@ -348,7 +348,7 @@ impl<const N: usize> JointController<N> {
             &(wanted - expected),
         );
         let given = if stalled == 0 { wanted } else { expected + beyond };
-        let compensated = friction.component_mul(&self.observer.friction_share());
+        let compensated = friction.component_mul(&self.friction_share());
         let extra = sticking::extra_velocity(&self.observer.sticks(), qd, feedback);
         let torque = self.commanded(robot, q, &wanted, &given, feedback, (friction, compensated, extra));
         // What holds a joint is no payload; but one that is not known holds joints when control begins, until they give way.
@@ -386,6 +386,12 @@ impl<const N: usize> JointController<N> {
         torque
     }
 
+    /// The share of the model's friction that is compensated: none, in a fault, of a joint that is not seen, whose friction may have been learnt while its encoder stood.
+    fn friction_share(&self) -> SVector<f64, N> {
+        let (share, unheard) = (self.observer.friction_share(), self.observer.unheard());
+        SVector::from_fn(|i, _| if self.soft && unheard[i] { 0.0 } else { share[i] })
+    }
+
     /// What a feedback asks for, and what the model expects of it, for the posture in the middle of the step.
     fn torques(
         &self,
@@ -398,7 +404,7 @@ impl<const N: usize> JointController<N> {
         let (p, t) = self.observer.disturbance();
         let qd_mid = qd + feedback.u * half;
         let q_mid = q + (qd + qd_mid) * (0.5 * half);
-        let share = self.observer.friction_share();
+        let share = self.friction_share();
         let joints = self.observer.friction(robot);
         let model = SVector::<f64, N>::from_fn(|i, _| joints[i].torque(feedback.velocity[i]));
         let extra = sticking::extra_velocity(&self.observer.sticks(), qd, feedback);
