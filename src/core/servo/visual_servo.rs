@@ -15,7 +15,7 @@ mod look_around;
 mod pace;
 mod target_change;
 
-use super::first_motion::slow_share;
+use super::first_motion::FirstMotion;
 use super::jacobian_learner::JacobianLearner;
 use super::motion_agreement::MotionAgreement;
 use super::unobserved_motion::{LONGEST_SPAN, unobserved_motion};
@@ -103,6 +103,7 @@ pub struct VisualServo<const N: usize> {
     drift: Option<UnobservedMotion<N>>,
     /// Whether the image moves as the arm's motion should make it.
     agreement: MotionAgreement,
+    first_motion: FirstMotion,
     /// Share of each gain that resolved velocities have; less for an arm that swings about its goal.
     gain_share: f64,
     /// The image Jacobian that is learnt, where the law goes by none that is computed.
@@ -134,6 +135,7 @@ impl<const N: usize> VisualServo<N> {
             path_began: None,
             drift: None,
             agreement,
+            first_motion: FirstMotion::default(),
             gain_share: 1.0,
             learner,
         }
@@ -193,7 +195,9 @@ impl<const N: usize> VisualServo<N> {
     /// The next law output starts smoothly again, as the first one did; after a stop or a hold.
     pub fn restart(&mut self) {
         self.start = None;
-        self.agreement.interrupt();
+        if self.agreement.interrupt() {
+            self.first_motion = FirstMotion::default();
+        }
         if let Some(learner) = &mut self.learner {
             learner.interrupt();
         }
@@ -274,6 +278,7 @@ impl<const N: usize> VisualServo<N> {
             None
         };
         let supposed = by_motion.is_some();
+        self.first_motion.note(&X_WC);
         // What is hidden was placed by the mount that is judged.
         if self.object.is_none() && partial && seen.X_CO().is_none() {
             self.agreement.note(exposure, &seen, &X_WC, &self.goal);
@@ -335,15 +340,17 @@ impl<const N: usize> VisualServo<N> {
         self.agreement.error()
     }
 
-    /// The share of the joint velocity `qd` (rad/s or m/s), 0 to 1, with which the first motion of a camera with the Jacobian `J` is slow enough
+    /// The share of the joint velocity `qd` (rad/s or m/s), 0 to 1, with which the `first` motion of a camera at a pose with a Jacobian is slow enough
     /// ([`ServoSettings::first_motion_m_s`]). 0 while it waits to see whether the object moves; 1 where the object moves or the Jacobian is learnt, since then nothing is known of how the image should move.
-    pub fn first_motion_share(&self, qd: &SVector<f64, N>, J: &CameraJacobian<N>) -> f64 {
+    pub fn first_motion_share(&mut self, qd: &SVector<f64, N>, first: (&Pose, &CameraJacobian<N>)) -> f64 {
         if self.agreement.pauses() {
             return 0.0;
         }
         let foretold = self.object.is_none() && self.learner.is_none();
-        let is_open = foretold && !self.agreement.is_judged();
-        self.settings.first_motion_m_s.filter(|_| is_open).map_or(1.0, |speed| slow_share(qd, J, speed))
+        match self.settings.first_motion_m_s.filter(|_| foretold) {
+            Some(speed) => self.first_motion.share(qd, first, speed, self.agreement.is_judged()),
+            None => 1.0,
+        }
     }
 
     /// Takes the joint motion that the last measurement showed beyond the history; `None` at the next call.

@@ -198,7 +198,7 @@ table! {
         weights: Vec<f64> = Vec::new(),
         /// Smooth start: rate at which the first velocity is faded in, 1/s; 0 applies it at once.
         smooth_start_1_s: f64 = 0.0,
-        /// Speed of the camera in its first motion, until the image was seen to move as it should, or should have moved by a twelfth of the distance to the target without telling anything, m/s; 0 for no bound.
+        /// Speed of the camera in its first motion, until the image was seen to move as it should, or a decimetre is over, m/s; 0 for no bound.
         first_motion_m_s: f64 = 0.04,
         /// Lag of the drive, by which the arm follows its commands later, ms; left out: what an external drive tells, and none otherwise. `predict` predicts the view that far ahead.
         lead_ms: Option<f64> = None,

@@ -180,9 +180,9 @@ impl<const N: usize> Controller<N> {
             requested_qd *= strength;
             (0..N).for_each(|i| acting.set(Limit::Effort, i));
         }
-        let (_, J_C) = self.servo.settings().mount.camera(robot, q);
+        let (X_WC, J_C) = self.servo.settings().mount.camera(robot, q);
         let first = match self.state {
-            State::Servoing => self.first_motion_share(q, &requested_qd, &J_C),
+            State::Servoing => self.first_motion_share(q, &requested_qd, (&X_WC, &J_C)),
             _ => 1.0,
         };
         let trusted = confidence * first;

@@ -12,6 +12,7 @@ use crate::control::behaviour::{MotionCommand, Servoing};
 use crate::control::safety::MeasurementWatch;
 use crate::control::trace::Event;
 use crate::drive::DriveState;
+use crate::geometry::Pose;
 use crate::messages::Measurement;
 use crate::robot::CameraJacobian;
 use crate::servo::{JointWish, MeasurementVerdict, VisualServo, compromise};
@@ -174,19 +175,19 @@ impl<const N: usize> Controller<N> {
 
     /// The share of the joint velocity `qd`, rad/s or m/s, of an arm at `q`, that the first motion before each camera that is trusted allows; that of the first camera is at `X_WC` with the Jacobian `J`.
     pub(super) fn first_motion_share(
-        &self,
+        &mut self,
         q: &SVector<f64, N>,
         qd: &SVector<f64, N>,
-        first: &CameraJacobian<N>,
+        first: (&Pose, &CameraJacobian<N>),
     ) -> f64 {
-        let Some(second) = &self.second else { return self.servo.first_motion_share(qd, first) };
+        let Some(second) = &mut self.second else { return self.servo.first_motion_share(qd, first) };
         let [of_first, of_second] = second.trust;
         let of_first = if of_first > 0.0 { self.servo.first_motion_share(qd, first) } else { 1.0 };
         if of_second == 0.0 {
             return of_first;
         }
-        let (_, J) = second.servo.settings().mount.camera(&self.arm.robot, q);
-        of_first.min(second.servo.first_motion_share(qd, &J))
+        let (X_WC, J) = second.servo.settings().mount.camera(&self.arm.robot, q);
+        of_first.min(second.servo.first_motion_share(qd, (&X_WC, &J)))
     }
 
     /// Restores all of the law's gain, and the path of the goal from its begin.

@@ -2,6 +2,7 @@
 //! whole is kept, so that the arm can go back there when it is looked for again.
 
 use super::VisualServo;
+use crate::servo::first_motion::FirstMotion;
 use crate::servo::motion_agreement::MotionAgreement;
 use crate::servo::{MeasurementVerdict, ObjectMotion};
 use nalgebra::{Point3, SVector, Vector3};
@@ -65,7 +66,7 @@ impl<const N: usize> VisualServo<N> {
         self.sought = Some(0);
         self.object = self.settings.object.map(ObjectMotion::new);
         if self.agreement.interrupt() {
-            self.agreement = MotionAgreement::default();
+            (self.agreement, self.first_motion) = (MotionAgreement::default(), FirstMotion::default());
         }
     }
 
