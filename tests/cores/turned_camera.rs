@@ -153,14 +153,14 @@ fn mirrored_frames_are_told_before_the_arm_leaves() {
     }
 }
 
-/// The same where a dot is hidden from the first views on, which the law places by the mount that is wrong; and, later, where three measurements of ten leap.
+/// The same where a dot is hidden from the first views on, which the law places by the mount that is wrong, and where three measurements of ten leap: there it is told late on the xArm7.
 #[test]
 fn wrong_mounts_are_told_behind_hidden_dots_and_leaps_too() {
     let hidden = "scene.occluder={from_s=0.1,until_s=100.0,center_m=[0.1,0.1],size_m=[0.05,0.05]}";
     let leaps = "faults=[{kind='jump',from_s=0.0,duration_s=100.0,probability=0.3,size_px=4.0}]";
     for file in ["ur5", "panda", "xarm7"] {
         for degrees in [90.0, 180.0, -90.0] {
-            for (what, most_m) in [(hidden, 0.012), (leaps, 0.5)] {
+            for (what, most_m) in [(hidden, 0.012), (leaps, if file == "xarm7" { 0.6 } else { 0.02 })] {
                 let set = [turned(degrees), vec![what.to_owned()]].concat();
                 let (outcome, reason, farthest) = ran(file, &set);
                 println!("{file}, {degrees} degrees, {what}: {:.1} mm", 1e3 * farthest);
