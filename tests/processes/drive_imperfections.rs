@@ -106,7 +106,7 @@ fn waiting_for_a_drive_that_never_comes_can_be_stopped() {
 /// A wrist under a controller that is too stiff for late commands swings about its reference: it is told as that, and brought to rest.
 #[test]
 fn a_joint_that_swings_about_its_reference_is_a_fault() {
-    let stiff = ["motion.natural_frequency_rad_s=125", "drive.simulated.command_delay_ticks=5"];
+    let stiff = ["motion.natural_frequency_rad_s=120", "drive.simulated.command_delay_ticks=5"];
     let mut args = vec!["xarm7", "--clock", "lockstep", "--duration-s", "15"];
     stiff.iter().for_each(|value| args.extend(["--set", value]));
     let r = run("swing", &args);

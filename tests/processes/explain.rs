@@ -282,7 +282,7 @@ fn joints_that_yield_are_named() {
     );
 }
 
-/// A process of a run by the clock that stands still for a while, as one that gets no core, or whose camera gives nothing. A run that a busy machine ends before is begun again.
+/// A process of a run by the clock that stands still for a while, as one that gets no core. A run that a busy machine ends before is begun again.
 fn stands_still(name: &str, role: &str, seconds: f64) -> Value {
     for attempt in 0..10 {
         let instance = Instance::new(&format!("{name}{attempt}"));
@@ -359,7 +359,16 @@ fn a_control_that_was_killed_stopped_nothing_on_request() {
 fn a_silent_camera_and_missed_deadlines_are_named() {
     let told = stands_still("expdead", "control", 0.3);
     assert_eq!(told["findings"][0]["cause"], "deadlines", "{told:#}");
-    let told = stands_still("expsilent", "camera", 4.5);
+    // One that is suspended is started anew before a run of seconds is lost; one that hangs is not.
+    let folder = tempfile::tempdir().unwrap();
+    let hangs = "faults=[{kind='process_hangs',process='camera',from_s=0.6,duration_s=100.0}]";
+    let (instance, place) = (Instance::new("expsilent"), folder.path().join("report"));
+    let slow = ["--set", "servo.gain_1_s=0.5", "--duration-s", "4", "--set", hangs];
+    let args = ["run", "--clock", "realtime", "--instance", &instance.name];
+    let output = vservo().args(args).args(slow).arg("--report").arg(&place).output().unwrap();
+    assert!(place.exists(), "{output:?}");
+    instance.assert_gone();
+    let told = explained(&place);
     assert_eq!(told["findings"][0]["cause"], "frames_stopped", "{told:#}");
 }
 
