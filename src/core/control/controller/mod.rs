@@ -232,8 +232,6 @@ impl<const N: usize> Controller<N> {
         measurement: Option<&Measurement>,
     ) -> ControlOutput<N> {
         let state = self.sense(now, drive);
-        // Nothing is learnt of what is only believed.
-        self.joint_control.distrust(self.encoder_watch.unheard());
         let (mut verdict, mut confidence) = (None, 0.0);
         let observed = state.map(|state| {
             let (q, qd) = self.joint_control.observe(&self.arm.robot, &state.q, &state.qd);
@@ -271,6 +269,7 @@ impl<const N: usize> Controller<N> {
             self.events.push(Event::MotionOver);
         }
         self.joint_control.soften(self.fault.is_some());
+        self.joint_control.distrust(self.encoder_watch.distrusted());
         // Without a usable state the arm is assumed to be on its reference.
         let seen = state.is_some();
         let measured = state.unwrap_or_else(|| self.believed());

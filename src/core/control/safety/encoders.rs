@@ -209,12 +209,6 @@ impl<const N: usize> EncoderWatch<N> {
         self.joints.map(|joint| joint.is_distrusted)
     }
 
-    /// Those, and the joints whose readings no motion explains so far.
-    #[must_use]
-    pub fn unheard(&self) -> [bool; N] {
-        self.joints.map(|joint| joint.is_distrusted || joint.unexplained > 0)
-    }
-
     /// Trusts all encoders again, after a reset.
     pub fn restart(&mut self) {
         self.last = None;
