@@ -231,6 +231,20 @@ mod tests {
     use super::*;
     use nalgebra::{Matrix2, Vector2};
 
+    /// The rate is that of the quickest part of `K_D y' = -K y`: exact for diagonals, and not less for full matrices.
+    #[test]
+    fn the_rate_of_a_stiffness_is_that_of_its_quickest_part() {
+        let diagonal = |a: f64, b: f64| GainMatrix::from(SVector::<f64, 2>::new(a, b));
+        assert_eq!(diagonal(300.0, 30.0).rate_against(&diagonal(150.0, 2.0)), 15.0);
+        assert_eq!(diagonal(300.0, 30.0).rate_against(&GainMatrix::zeros()), 0.0);
+        let (K, D) =
+            (SMatrix::<f64, 2, 2>::new(4.0, 1.0, 1.0, 3.0), SMatrix::<f64, 2, 2>::new(2.0, 0.5, 0.5, 1.0));
+        // det(K - rate D) = 1.75 rate^2 - 9 rate + 11
+        let quickest = (9.0 + f64::sqrt(81.0 - 77.0)) / 3.5;
+        let rate = GainMatrix::full(K).unwrap().rate_against(&GainMatrix::full(D).unwrap());
+        assert!(rate >= quickest && rate < 2.0 * quickest, "{rate} {quickest}");
+    }
+
     #[test]
     fn what_is_no_gain_matrix_is_told() {
         let of = |a: f64, b: f64, c: f64, d: f64| GainMatrix::full(Matrix2::new(a, b, c, d));

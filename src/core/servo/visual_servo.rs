@@ -272,15 +272,12 @@ impl<const N: usize> VisualServo<N> {
             return MeasurementVerdict::NotNewer;
         };
         let partial = seen.is_partial();
-        let by_motion = if partial && seen.X_CO().is_none() {
-            self.completed_by_motion(&seen, exposure, &X_WC)
-        } else {
-            None
-        };
+        let incomplete = partial && seen.X_CO().is_none();
+        let by_motion = if incomplete { self.completed_by_motion(&seen, exposure, &X_WC) } else { None };
         let supposed = by_motion.is_some();
         self.first_motion.note(&X_WC);
         // What is hidden was placed by the mount that is judged.
-        if self.object.is_none() && partial && seen.X_CO().is_none() {
+        if self.object.is_none() && incomplete {
             self.agreement.note(exposure, &seen, &X_WC, &self.goal);
         }
         let stated = || seen.sufficient(&self.goal).map(|view| (view, stated_covariance(measurement)));
@@ -300,7 +297,7 @@ impl<const N: usize> VisualServo<N> {
         if !partial {
             self.seen_whole_at(&q, view.X_CO().map(|X_CO| X_WC * X_CO * centre(self.goal.points())));
         }
-        if self.object.is_none() && !(partial && seen.X_CO().is_none()) {
+        if self.object.is_none() && !incomplete {
             self.agreement.note(exposure, &view, &X_WC, &self.goal);
         }
         let last = LastMeasurement { exposure, view, task, X_WC, first_X_WC, partial, supposed };

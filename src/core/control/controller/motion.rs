@@ -107,7 +107,6 @@ impl<const N: usize> Controller<N> {
     fn settled(&self, state: &DriveState<N>, motion_command: &MotionCommand<N>) -> Option<MotionCommand<N>> {
         let MotionCommand::Torque(tau, damping, convergence) = motion_command else { return None };
         let qd = settled_velocity(&self.arm, (&state.q, &state.qd), tau, damping)?;
-        // Where its rate is not known the arm is taken to be nearer than it is.
         let rate_1_s = if convergence.rate_1_s > 0.0 { convergence.rate_1_s } else { UNKNOWN_RATE_1_S };
         Some(MotionCommand::Velocity(qd, Convergence::at(rate_1_s)))
     }

@@ -6,9 +6,10 @@ use crate::motion::rotor_estimator::RotorEstimator;
 use crate::robot::Robot;
 use nalgebra::SVector;
 
-/// What is left in a tick of the share of the acceleration limits that the reference may use, while it asks for more torque than the joints have, and the least that is. Chosen by hand: half of it within
+/// What is left in a tick of the share of the acceleration limits that the reference may use, while it asks for more torque than the joints have. Chosen by hand: half of it within
 /// 23 ms, in which an arm that lacks 5 rad/s^2 falls behind by 1.3 mrad.
 const LESS: f64 = 0.97;
+/// The least that is left. Chosen by hand: an arm that begins with a fifth of its accelerations still begins.
 const LEAST: f64 = 0.2;
 /// What it gains in any other tick. Chosen by hand: all of it in 0.4 s, as long as the shipped arms accelerate.
 const MORE: f64 = 0.002;
@@ -147,5 +148,19 @@ impl<const N: usize> JointController<N> {
         let result = act(self, payload.as_deref().map_or(robot, PayloadEstimator::robot));
         self.payload = payload;
         result
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_reference_that_asks_too_much_is_slowed_and_comes_back() {
+        let after =
+            |share: f64, ticks: u32, exceeds: bool| (0..ticks).fold(share, |s, _| share_after(s, exceeds));
+        assert!((after(1.0, 23, true) - 0.5).abs() < 0.01);
+        assert_eq!(after(1.0, 1000, true), LEAST);
+        assert_eq!(after(LEAST, 401, false), 1.0);
     }
 }

@@ -111,19 +111,10 @@ pub struct FaultCase {
     pub fault: &'static str,
     /// The keys that each seed draws, and from where to where, with equal chances of equal ratios.
     pub drawn: &'static [(&'static str, f64, f64)],
-    /// Which joint has it, which each seed draws.
-    pub joint: FaultyJoint,
+    /// Whether it is of a joint, which each seed draws.
+    pub of_joint: bool,
     /// Which ends are right.
     pub ends: RightEnds,
-}
-
-/// Which joint of an arm has a fault.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum FaultyJoint {
-    /// The fault is not of a joint.
-    None,
-    /// Any one.
-    Any,
 }
 
 impl FaultCase {
@@ -131,7 +122,7 @@ impl FaultCase {
     #[must_use]
     pub fn told(&self) -> String {
         let drawn = self.drawn.iter().map(|(key, from, to)| format!(",{key}={from}..{to}"));
-        let joint = if self.joint == FaultyJoint::Any { ",joint=any" } else { "" };
+        let joint = if self.of_joint { ",joint=any" } else { "" };
         format!("{}{}{joint}", self.fault, drawn.collect::<String>())
     }
 
@@ -150,7 +141,7 @@ impl FaultCase {
             let value = from * (to / from).powf(random.between(0.0, 1.0));
             entry += &format!(",{key}={value:.4}");
         }
-        if self.joint == FaultyJoint::Any {
+        if self.of_joint {
             entry += &format!(",joint={}", (random.uniform() * joints as f64) as usize);
         }
         entry
@@ -163,7 +154,7 @@ const fn case(
     drawn: &'static [(&'static str, f64, f64)],
     ends: RightEnds,
 ) -> FaultCase {
-    FaultCase { name, fault, drawn, joint: FaultyJoint::None, ends }
+    FaultCase { name, fault, drawn, of_joint: false, ends }
 }
 
 const fn joint(
@@ -172,7 +163,7 @@ const fn joint(
     drawn: &'static [(&'static str, f64, f64)],
     ends: RightEnds,
 ) -> FaultCase {
-    FaultCase { name, fault, drawn, joint: FaultyJoint::Any, ends }
+    FaultCase { of_joint: true, ..case(name, fault, drawn, ends) }
 }
 
 /// A time that is over before the run is, s.

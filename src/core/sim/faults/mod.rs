@@ -9,7 +9,7 @@
 mod cases;
 mod table;
 
-pub use cases::{CAMPAIGN_ARMS, CAMPAIGN_LAWS, CampaignArm, FAULT_CASES, FaultCase, FaultyJoint, RightEnds};
+pub use cases::{CAMPAIGN_ARMS, CAMPAIGN_LAWS, CampaignArm, FAULT_CASES, FaultCase, RightEnds};
 pub use table::FaultTable;
 
 use crate::config::{Config, ConfigError};
@@ -290,5 +290,30 @@ impl PlantWatch {
         }
         self.held += u64::from(matches!(trace.state, ControlState::Holding | ControlState::Returning));
         self.ticks += 1;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_arm_has_the_joints_that_faults_are_drawn_for() {
+        for arm in &CAMPAIGN_ARMS {
+            let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../config/{}.toml", arm.file));
+            let config = Config::load(Some(&path), &[]).unwrap();
+            assert_eq!(config.robot.joints.len(), arm.joints, "{}", arm.name);
+        }
+    }
+
+    #[test]
+    fn seeds_draw_other_times_and_joints_and_commands_can_be_run() {
+        let case = FAULT_CASES.iter().find(|case| case.name == "encoder-freeze").unwrap();
+        let entries: std::collections::BTreeSet<String> = (1..=100).map(|seed| case.entry(seed, 7)).collect();
+        assert!(entries.len() > 95, "{entries:?}");
+        assert!((0..7).all(|joint| entries.iter().any(|entry| entry.ends_with(&format!("joint={joint}")))));
+        let jobs = jobs(&["encoder-freeze".into()], &[], &["ur5".into()], 1);
+        assert!(jobs.iter().all(|job| job.command().matches('\'').count() % 2 == 0));
+        assert!(jobs.iter().all(|job| job.command().contains("kind=\"encoder_freeze\"")));
     }
 }
