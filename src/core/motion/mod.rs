@@ -15,6 +15,7 @@ mod joint_control;
 mod joint_observer;
 mod limits;
 mod motion_limits;
+mod motion_windows;
 mod payload_estimator;
 mod reference;
 mod residual_model;

@@ -1,13 +1,12 @@
 //! Estimates the inertia of rotors that no file tells, from the torques of the joints while they accelerate.
 //!
-//! A rotor behind a gear takes `R qdd` of its own joint's torque and nothing of the others'. In each joint, over windows of some ticks,
+//! A rotor behind a gear takes `R qdd` of its own joint's torque and nothing of the others'. In each joint,
 //!
 //! ```text
 //! y = tau - (B qdd + C qd + g) - F(qd) = c + R qdd + f qd + d tau' + errors
 //! ```
 //! with a part `c` that drifts (Coulomb friction, load, masses that are not as modelled), viscous friction `f`, and the delay `d` from command to effect: a Kalman filter
-//! of four numbers for each joint. The acceleration is the second difference of measured positions over two windows, and torques are weighted alike, by a triangle, so that
-//! no observer with a wrong inertia stands between.
+//! of four numbers for each joint, over [windows](super::motion_windows) of some ticks.
 //!
 //! What makes a joint stop or stick (contact, a jam, Coulomb friction) takes torque while the acceleration is negative, and looks like less inertia. So only inertia
 //! that is clearly more than the model's is believed, and of that what is certain.
@@ -16,14 +15,11 @@
 //! four numbers by `(m, h)` goes through the filter beside them, `S <- (1 - K x^T) S + K Y`: when a payload is put into the model its part is taken out of them by `S`, and
 //! what is not sure of it makes a rotor unsure that is told.
 
+use super::motion_windows::MeanMotion;
 use super::payload_estimator::{MOVES, UnmodelledPayload};
 use crate::robot::Robot;
-use crate::time::TICK;
 use nalgebra::{Matrix4, SMatrix, SVector, Vector4};
 
-/// Ticks of a window, beside those until the next state of a slower drive. Chosen by hand: half of it would take four times the noise of coarse encoders, and double would find a rotor when the arm has already
-/// accelerated for as long as it takes to fall behind.
-const WINDOW: u32 = 10;
 /// Standard deviation of a rotor's inertia beyond the model, in units of the one that is [likely](crate::robot::JointLimits::likely_rotor), beside once the joint's own
 /// inertia. Derived from that estimate, which is good to a factor of 2.5.
 const LIKELY: f64 = 2.0;
@@ -57,15 +53,6 @@ const SAME: f64 = 0.03;
 /// The estimator of an arm with `N` joints.
 #[derive(Debug, Clone)]
 pub(super) struct RotorEstimator<const N: usize> {
-    /// Positions at the ends of the last two windows.
-    last: Option<SVector<f64, N>>,
-    before: Option<SVector<f64, N>>,
-    /// Sums of torques and of rising weights times torques in this window, and the latter in the last one.
-    sum: SVector<f64, N>,
-    rising: SVector<f64, N>,
-    rose: SVector<f64, N>,
-    ticks: u32,
-    ticks_before: u32,
     /// What is taken in next, one joint in a tick so that no tick has all the work, and the joint that is next.
     sample: Option<RotorSample<N>>,
     next: usize,
@@ -123,13 +110,6 @@ impl<const N: usize> RotorEstimator<N> {
         };
         let zero = SVector::zeros();
         Self {
-            last: None,
-            before: None,
-            sum: zero,
-            rising: zero,
-            rose: zero,
-            ticks: 0,
-            ticks_before: 0,
             sample: None,
             next: N,
             tau_before: None,
@@ -141,8 +121,7 @@ impl<const N: usize> RotorEstimator<N> {
 
     /// Forgets the present window: what moved the arm in it is not known.
     pub(super) fn skip(&mut self) {
-        (self.last, self.before, self.sample, self.tau_before) = (None, None, None, None);
-        self.ticks = 0;
+        (self.sample, self.tau_before) = (None, None);
     }
 
     /// The inertia of rotors that is believed beyond the model's, kg m^2 or kg.
@@ -180,33 +159,22 @@ impl<const N: usize> RotorEstimator<N> {
         [0, 1].map(|k| SVector::from_fn(|i, _| sure[i].map_or(0.0, |of| of[k])))
     }
 
-    /// Takes in where the joints are after a tick in which the torques `tau` acted, N m or N; `q` is `None` where no new state came. `robot` has the payload and the rotors that are believed, and `Y` are the
-    /// derivatives of the torques by mass and first moment of a payload, as they were up to some windows ago.
-    /// `inertia_and_step`: of each joint while the others are free, kg m^2 or kg, and of its encoder, rad or m. Whether what is believed is to [change](Self::adopt).
+    /// Takes in the means of a window that has ended in this tick. `robot` has the payload and the rotors that are believed, and `Y` are the derivatives of the torques by mass and first moment of a payload, as
+    /// they were up to some windows ago. `inertia`: of each joint while the others are free, kg m^2 or kg. Whether what is believed is to [change](Self::adopt).
     pub(super) fn note(
         &mut self,
         (robot, Y): (&Robot<N>, &SMatrix<f64, N, 4>),
-        tau: &SVector<f64, N>,
-        q: Option<&SVector<f64, N>>,
-        inertia_and_step: (&SVector<f64, N>, &SVector<f64, N>),
+        mean: Option<&MeanMotion<N>>,
+        inertia: &SVector<f64, N>,
     ) -> bool {
-        let Some(last) = self.last else {
-            (self.last, self.ticks) = (q.copied(), 0);
-            (self.sum, self.rising) = (SVector::zeros(), SVector::zeros());
-            return false;
-        };
-        self.rising += tau * (f64::from(self.ticks) + 0.5);
-        self.sum += tau;
-        self.ticks += 1;
-        if self.ticks >= WINDOW
-            && let Some(q) = q
-        {
-            self.end_window((robot, Y), &last, q, inertia_and_step);
+        if let Some(mean) = mean {
+            self.sample = Some(self.sample_of((robot, Y), mean, inertia));
+            self.next = 0;
         }
         let Some(sample) = &self.sample else { return false };
         if let Some(joint) = self.joints.get_mut(self.next) {
             joint.take(sample, self.next);
-            self.wanted[self.next] = joint.worth(self.believed[self.next], inertia_and_step.0[self.next]);
+            self.wanted[self.next] = joint.worth(self.believed[self.next], inertia[self.next]);
             self.next += 1;
             return false;
         }
@@ -214,42 +182,27 @@ impl<const N: usize> RotorEstimator<N> {
         self.wanted != self.believed
     }
 
-    fn end_window(
+    fn sample_of(
         &mut self,
         (robot, Y): (&Robot<N>, &SMatrix<f64, N, 4>),
-        last: &SVector<f64, N>,
-        q: &SVector<f64, N>,
-        (inertia, step): (&SVector<f64, N>, &SVector<f64, N>),
-    ) {
-        if let Some(before) = self.before {
-            // The rates in both windows, of which the one before may have been longer.
-            let [a, b] = [self.ticks_before, self.ticks].map(f64::from);
-            let [a_s, b_s] = [a, b].map(|ticks| ticks * TICK.as_s());
-            let span_s = 0.5 * (a_s + b_s);
-            let [rose, rises] = [(last - before) / a_s, (q - last) / b_s];
-            let qd = (rose * b + rises * a) / (a + b);
-            let qdd = (rises - rose) / span_s;
-            let tau = (self.rose / a + self.sum - self.rising / b) * (TICK.as_s() / span_s);
-            let [taken, still] = robot.inverse_dynamics_of(last, &qd, [&qdd, &SVector::zeros()]);
-            let friction = robot.friction_torque(&qd);
-            let tau_dot = self.tau_before.map_or(SVector::zeros(), |before| (tau - before) / span_s);
-            self.tau_before = Some(tau);
-            self.sample = Some(RotorSample {
-                qd,
-                qdd,
-                y: tau - taken - friction + self.believed.component_mul(&qdd),
-                turns: taken - still,
-                friction,
-                tau_dot,
-                // A second difference of positions that are uniformly off by half a step.
-                hidden: step.component_mul(inertia) * (0.5f64.sqrt() / (a_s * b_s)),
-                Y: *Y,
-            });
-            self.next = 0;
+        mean: &MeanMotion<N>,
+        inertia: &SVector<f64, N>,
+    ) -> RotorSample<N> {
+        let MeanMotion { q, qd, qdd, tau, .. } = mean;
+        let [taken, still] = robot.inverse_dynamics_of(q, qd, [qdd, &SVector::zeros()]);
+        let friction = robot.friction_torque(qd);
+        let tau_dot = self.tau_before.map_or(SVector::zeros(), |before| (tau - before) / mean.span_s);
+        self.tau_before = Some(*tau);
+        RotorSample {
+            qd: *qd,
+            qdd: *qdd,
+            y: tau - taken - friction + self.believed.component_mul(qdd),
+            turns: taken - still,
+            friction,
+            tau_dot,
+            hidden: mean.hidden.component_mul(inertia),
+            Y: *Y,
         }
-        (self.before, self.last) = (Some(*last), Some(*q));
-        (self.rose, self.ticks_before) = (self.rising, self.ticks);
-        (self.sum, self.rising, self.ticks) = (SVector::zeros(), SVector::zeros(), 0);
     }
 }
 

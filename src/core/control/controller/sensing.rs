@@ -72,6 +72,7 @@ impl<const N: usize> Controller<N> {
             step: *self.joint_control.encoder_step(),
             inertia: *self.joint_control.inertia(),
             coulomb: SVector::from_fn(|i, _| friction[i].coulomb),
+            lag: self.joint_control.position_lag(),
         };
         let (believed, fault) = self.encoder_watch.take(
             (now, self.timing),
@@ -95,6 +96,6 @@ impl<const N: usize> Controller<N> {
         if !may_be || self.mode != CommandMode::Torque {
             return *state;
         }
-        self.encoder_watch.distrust_still(state, self.reference.state())
+        self.encoder_watch.distrust_still(state, self.reference.state(), self.joint_control.encoder_step())
     }
 }

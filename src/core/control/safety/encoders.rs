@@ -71,6 +71,8 @@ pub struct EncoderTraits<const N: usize> {
     pub inertia: SVector<f64, N>,
     /// Their Coulomb friction, N m or N.
     pub coulomb: SVector<f64, N>,
+    /// How far the observer of their positions is behind an acceleration that is not expected, for each rad/s^2 or m/s^2: s^2.
+    pub lag: SVector<f64, N>,
 }
 
 /// Watches the encoders of an arm with `N` joints.
@@ -151,7 +153,8 @@ impl<const N: usize> EncoderWatch<N> {
             if !is_still {
                 joint.least_step = joint.least_step.min((drive.q[i] - last[i]).abs());
             }
-            let off = (drive.q[i] - q).abs() - STEPS * traits.step[i].max(joint.least_step);
+            let behind = UNEXPECTED * traits.lag[i];
+            let off = (drive.q[i] - q).abs() - STEPS * traits.step[i].max(joint.least_step) - behind;
             let wrong = if is_still {
                 joint.told = joint.told.max((reference[i] - joint.reference).abs());
                 let is_frozen = drive.qd[i] == 0.0 || drive.qd[i] == last_qd[i];
@@ -191,11 +194,16 @@ impl<const N: usize> EncoderWatch<N> {
         (believed, fault)
     }
 
-    /// In a fault: distrusts joints whose readings stayed the same although their `reference` moved. They are believed to be on it; returns the state with them there.
-    pub fn distrust_still(&mut self, state: &DriveState<N>, reference: &ReferenceState<N>) -> DriveState<N> {
+    /// In a fault: distrusts joints whose readings stayed the same although their `reference` moved, by more than the `steps` of the encoders, rad or m. They are believed to be on it; returns the state with them there.
+    pub fn distrust_still(
+        &mut self,
+        state: &DriveState<N>,
+        reference: &ReferenceState<N>,
+        steps: &SVector<f64, N>,
+    ) -> DriveState<N> {
         let mut believed = *state;
         for (i, joint) in self.joints.iter_mut().enumerate() {
-            if !joint.is_distrusted && joint.told > TOLD {
+            if !joint.is_distrusted && joint.told > TOLD + STEPS * steps[i] {
                 joint.is_distrusted = true;
                 (believed.q[i], believed.qd[i]) = (reference.q[i], reference.qd[i]);
             }

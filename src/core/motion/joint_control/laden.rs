@@ -75,7 +75,7 @@ impl<const N: usize> JointController<N> {
 
     /// The last motion took another time than a tick: what payload and rotors were to be estimated from meanwhile is left out.
     pub fn skip_window(&mut self) {
-        self.payload.iter_mut().for_each(|payload| payload.skip());
+        self.windows.skip();
         self.rotors.iter_mut().for_each(|rotors| rotors.skip());
     }
 
@@ -130,6 +130,12 @@ impl<const N: usize> JointController<N> {
     #[must_use]
     pub fn encoder_step(&self) -> &SVector<f64, N> {
         self.observer.encoder_step()
+    }
+
+    /// How far the observer's positions are behind an acceleration that it does not know, for each rad/s^2 or m/s^2: s^2.
+    #[must_use]
+    pub fn position_lag(&self) -> SVector<f64, N> {
+        self.observer.position_lag()
     }
 
     /// The torque that coarse encoders hide in a mean over `ticks`, as a standard deviation, N m or N.

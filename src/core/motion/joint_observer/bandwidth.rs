@@ -28,6 +28,15 @@ impl<const N: usize> JointObserver<N> {
         })
     }
 
+    /// How far positions are behind an acceleration that is not in the command, for each rad/s^2 or m/s^2, once the observer has settled: s^2. Derived: `e = qdd / l^2` from its equations without the part that
+    /// learns it; none where positions are taken as they are measured.
+    pub(in crate::motion) fn position_lag(&self) -> SVector<f64, N> {
+        SVector::from_fn(|i, _| {
+            let bandwidth = self.bandwidth(i);
+            if bandwidth > 0.0 { bandwidth.powi(-2) } else { 0.0 }
+        })
+    }
+
     /// The largest bandwidth of the velocity observer of joint `i`, rad/s: coarse steps allow less.
     pub(super) fn bandwidth(&self, i: usize) -> f64 {
         let step = self.steps[i] - self.settings.encoder_noise[i];

@@ -15,6 +15,7 @@ fn watched(
         step: Vector2::repeat(step),
         inertia: Vector2::repeat(1.0),
         coulomb: Vector2::repeat(1.0),
+        lag: Vector2::zeros(),
     };
     let round = |q: f64| if step > 0.0 { (q / step).round() * step } else { q };
     let mut random = Random::new(5);
@@ -93,7 +94,7 @@ fn behind_a_gap_in_the_states_the_reading_is_believed() {
         let mut watch = EncoderWatch::<1>::default();
         let mut timing = DriveTiming::default();
         let (zero, one) = (Vector1::zeros(), Vector1::repeat(1.0));
-        let traits = EncoderTraits { step: zero, inertia: one, coulomb: zero };
+        let traits = EncoderTraits { step: zero, inertia: one, coulomb: zero, lag: zero };
         let (mut expected, mut fault, mut off) = (None, None, 0.0_f64);
         let mut before = 0.0;
         for k in (0..200_i64).filter(|k| !held_up || !(100..110).contains(k)) {
@@ -119,7 +120,7 @@ fn behind_a_slower_drive(speed: f64, period: i64, stalls: i64, leaps: bool) -> O
     let mut watch = EncoderWatch::<1>::default();
     let mut timing = DriveTiming::default();
     let (zero, one) = (Vector1::zeros(), Vector1::repeat(1.0));
-    let traits = EncoderTraits { step: zero, inertia: one, coulomb: zero };
+    let traits = EncoderTraits { step: zero, inertia: one, coulomb: zero, lag: zero };
     let mut expected: Option<ExpectedMotion<1>> = None;
     let mut told = 0.0;
     (0..600_i64).find_map(|ms| {
@@ -191,8 +192,12 @@ fn a_reading_that_leapt_for_good_is_a_fault_and_then_believed() {
 fn a_joint_that_sticks_behind_a_slow_filter_is_believed() {
     let mut watch = EncoderWatch::<1>::default();
     let mut timing = DriveTiming::default();
-    let traits =
-        EncoderTraits { step: Vector1::zeros(), inertia: Vector1::repeat(1.0), coulomb: Vector1::zeros() };
+    let traits = EncoderTraits {
+        step: Vector1::zeros(),
+        inertia: Vector1::repeat(1.0),
+        coulomb: Vector1::zeros(),
+        lag: Vector1::zeros(),
+    };
     let (mut q, mut qd, mut seen) = (0.0_f64, 0.4_f64, 0.4_f64);
     let mut expected: Option<ExpectedMotion<1>> = None;
     for k in 0..200 {
@@ -212,8 +217,12 @@ fn a_joint_that_sticks_behind_a_slow_filter_is_believed() {
 fn what_did_not_move_is_believed_on_its_reference_in_a_fault() {
     let mut watch = EncoderWatch::<2>::default();
     let mut timing = DriveTiming::default();
-    let traits =
-        EncoderTraits { step: Vector2::zeros(), inertia: Vector2::repeat(1.0), coulomb: Vector2::zeros() };
+    let traits = EncoderTraits {
+        step: Vector2::zeros(),
+        inertia: Vector2::repeat(1.0),
+        coulomb: Vector2::zeros(),
+        lag: Vector2::zeros(),
+    };
     let still = DriveState { q: Vector2::new(0.1, 0.3), qd: Vector2::zeros(), truth: None };
     // It turns back before something else is a fault.
     let mut r = Vector2::new(0.1, 0.3);
@@ -233,9 +242,53 @@ fn what_did_not_move_is_believed_on_its_reference_in_a_fault() {
         a: zero,
         limits: crate::motion::ActingLimits::default(),
     };
-    let believed = watch.distrust_still(&still, &reference);
+    let believed = watch.distrust_still(&still, &reference, &Vector2::zeros());
     assert_eq!((believed.q, believed.qd), (r, reference.qd));
     assert_eq!(watch.distrusted(), [true, false]);
     watch.restart();
     assert_eq!(watch.distrusted(), [false; 2]);
+}
+
+/// A reference that is less than two steps of a coarse encoder away, and one that is farther.
+#[test]
+fn a_reading_within_its_step_is_no_frozen_encoder() {
+    for (way, is_frozen) in [(9e-4, false), (3e-3, true)] {
+        let mut watch = EncoderWatch::<1>::default();
+        let mut timing = DriveTiming::default();
+        let (zero, step) = (Vector1::zeros(), Vector1::repeat(5e-4));
+        let traits = EncoderTraits { step, inertia: Vector1::repeat(1.0), coulomb: zero, lag: zero };
+        let still = DriveState { q: Vector1::repeat(0.1), qd: zero, truth: None };
+        let mut r = Vector1::repeat(0.1);
+        for k in 0..50 {
+            r[0] += way / 50.0;
+            let expected = ExpectedMotion { q: still.q, qd: zero, qdd: zero };
+            timing.note(false);
+            watch.take((MonoNs(k * 1_000_000), timing), &still, &r, Some(&expected), &traits);
+        }
+        let limits = crate::motion::ActingLimits::default();
+        watch.distrust_still(&still, &ReferenceState { q: r, qd: zero, qdd: zero, a: zero, limits }, &step);
+        assert_eq!(watch.distrusted(), [is_frozen], "{way}");
+    }
+}
+
+/// An observer of 80 rad/s behind an acceleration that is 20 rad/s^2 more than expected is 3 mrad off for as long as that lasts.
+#[test]
+fn what_the_observer_is_behind_is_no_leap() {
+    for (bandwidth, told) in [(80.0_f64, None), (400.0, Some(Fault::DriveStateImplausible))] {
+        let mut watch = EncoderWatch::<1>::default();
+        let mut timing = DriveTiming::default();
+        let one = Vector1::repeat(1.0);
+        let lag = Vector1::repeat(bandwidth.powi(-2));
+        let traits = EncoderTraits { step: Vector1::zeros(), inertia: one, coulomb: Vector1::zeros(), lag };
+        let mut fault = None;
+        for k in 0..100 {
+            let q = Vector1::repeat(1e-5 * f64::from(k));
+            let drive = DriveState { q: q.add_scalar(4e-3), qd: Vector1::repeat(0.01), truth: None };
+            let expected = ExpectedMotion { q, qd: Vector1::repeat(0.01), qdd: Vector1::zeros() };
+            timing.note(false);
+            let now = MonoNs(i64::from(k) * 1_000_000);
+            fault = fault.or(watch.take((now, timing), &drive, &q, Some(&expected), &traits).1);
+        }
+        assert_eq!(fault, told, "{bandwidth} rad/s");
+    }
 }
