@@ -9,7 +9,7 @@ use vservo::control::outcome::Outcome;
 use vservo::control::trace::Event;
 use vservo::sim::{Moment, simulate_system};
 
-const CELLS: [(&str, [&str; 7]); 3] = [
+const CELLS: [(&str, [&str; 7]); 2] = [
     (
         "panda",
         [
@@ -32,18 +32,6 @@ const CELLS: [(&str, [&str; 7]); 3] = [
             "robot.q_start_rad_or_m=[0.1139,-1.111,-0.1935,-2.436,-0.5382,1.995,-1.113]",
             "servo.desired.position_m=[-0.006228,-0.05871,0.3452]",
             "servo.desired.rotation_rpy_rad=[-0.07329,0.1013,0.3727]",
-        ],
-    ),
-    (
-        "panda",
-        [
-            "camera.mount.position_m=[-0.00105,-0.03186,0.08852]",
-            "camera.mount.rotation_rpy_rad=[-0.1476,0.2922,-0.146]",
-            "scene.object.position_m=[0.1551,-0.2946,0.06213]",
-            "scene.object.rotation_rpy_rad=[2.936,0.04373,-0.9451]",
-            "robot.q_start_rad_or_m=[-0.4321,0.9686,-0.3578,-1.014,-0.1817,1.018,0.8211]",
-            "servo.desired.position_m=[-0.01513,-0.06529,0.3702]",
-            "servo.desired.rotation_rpy_rad=[-0.1101,0.2021,0.2552]",
         ],
     ),
 ];

@@ -182,7 +182,8 @@ impl MotionAgreement {
                 self.probe = None;
                 match result {
                     MountProbeResult::Askew => self.judgement = MountJudgement::Agrees,
-                    MountProbeResult::Wrong => self.accuse(error, exposure),
+                    MountProbeResult::Wrong => self.judgement = MountJudgement::Wrong(error),
+                    MountProbeResult::Unknown => self.accuse(error, exposure),
                 }
             }
             return;

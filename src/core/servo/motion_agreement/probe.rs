@@ -41,7 +41,10 @@ const LEFT_BY_ERROR: f64 = 0.6;
 pub(super) enum MountProbeResult {
     /// The camera is mounted askew, so that the laws find their goals.
     Askew,
+    /// It is as it was believed to be: an object that moves by itself would not have turned back with the camera.
     Wrong,
+    /// Nothing: the arm could not move so, or what it saw is explained by neither.
+    Unknown,
 }
 
 /// A motion that is under way.
@@ -113,7 +116,7 @@ impl MountProbe {
     /// Takes in a view, and tells when two in a row say the same: one alone may be of a measurement that leaps.
     pub(super) fn judge(&mut self, now: Sighting, set_point: &SetPoint) -> Option<MountProbeResult> {
         if now.exposure - self.since > LONGEST {
-            return Some(MountProbeResult::Wrong);
+            return Some(MountProbeResult::Unknown);
         }
         // What is seen before the camera turns back says nothing new.
         let from = match self.from {

@@ -73,7 +73,8 @@ fn two_motions_tell_askew_mounts_from_wrong_ones() {
         let probe = MountProbe::new(suspect, first, &now, &set_point).unwrap();
         let mut X_WC = X_WB;
         X_WC.translation.vector += probe.direction_W * 1e-3;
-        let second = SeenMotion { base: view, X_CB: X_WC.inv_mul(&X_WB), view: cell.view(&X_WC, random) };
+        let (X_CB, after) = (X_WC.inv_mul(&X_WB), cell.view(&X_WC, random));
+        let second = SeenMotion { base: view, X_CB, view: after };
         strain(&[first, second], &set_point).unwrap()
     };
     let (mut of_askew, mut of_wrong) = (Vec::new(), Vec::new());
@@ -95,10 +96,49 @@ fn two_motions_tell_askew_mounts_from_wrong_ones() {
     assert!(share(&of_wrong, &|x| x > CREDIBLE) >= 0.98, "{least:?}, {:?}", &of_wrong[..20]);
 }
 
+/// The first motion of an arm that does what is asked of it, with the velocity `v`, `w` of the believed camera, for up to 1.6 s: what is judged, how far the camera was from its start, and whether a probe was made. A share of
+/// the measurements leaps by 4 px.
+fn first_motion(
+    cell: &DrawnMount,
+    (v, w): (&Vector3<f64>, &Vector3<f64>),
+    leaps: f64,
+    random: &mut Random,
+) -> (MotionAgreement, f64, bool) {
+    let set_point = set_point();
+    let step = Pose::new(v * 0.04, w * 0.04);
+    let mut agreement = MotionAgreement::new(true);
+    let (mut X_WB, mut farthest, mut probed) = (Pose::identity(), 0.0f64, false);
+    for i in -4..40i64 {
+        let time = MonoNs(1_000_000_000 + i * 40_000_000);
+        let view = cell.view(&X_WB, random);
+        let towards = TAU * random.between(0.0, 1.0);
+        let leap = Vector2::new(towards.cos(), towards.sin()) * 0.005;
+        let leap = if random.between(0.0, 1.0) < leaps { leap } else { Vector2::zeros() };
+        let view = view.moved(|k| Some(view.feature(k)? + leap)).unwrap();
+        agreement.note(time, &view, &X_WB, &set_point);
+        if i < 0 {
+            continue;
+        }
+        agreement.begin();
+        if agreement.is_judged() {
+            break;
+        }
+        match agreement.probe_velocity(&X_WB) {
+            Some(v_W) => {
+                X_WB.translation.vector += v_W * 0.04;
+                probed = true;
+            }
+            None if !agreement.pauses() => X_WB = X_WB * step,
+            None => {}
+        }
+        farthest = farthest.max(X_WB.translation.vector.norm());
+    }
+    (agreement, farthest, probed)
+}
+
 /// An arm along a straight screw, as the first motion of a law is, that does what is asked of it: wrong mounts are told within a centimetre, with a probe or without, and none that is askew is.
 #[test]
 fn probes_tell_wrong_mounts_and_let_askew_ones_go_on() {
-    let set_point = set_point();
     let mut random = Random::new(58);
     let wrong: Vec<_> = wrong_mounts().filter_map(|(mount, error)| Some((mount, error?))).collect();
     let (mut told, mut count, mut told_by_probe, mut probes) = (0, 0, 0, [0; 2]);
@@ -116,29 +156,7 @@ fn probes_tell_wrong_mounts_and_let_askew_ones_go_on() {
         // As a law does it: it turns the camera, so that its target stays in view.
         let (v, by) = (vector(&mut random, 0.04), random.between(0.3, 1.5) / 0.4);
         let w = Vector3::new(v.y, -v.x, 0.0) * by + vector(&mut random, 0.05);
-        let step = Pose::new(v * 0.04, w * 0.04);
-        let mut agreement = MotionAgreement::new(true);
-        let (mut X_WB, mut farthest, mut probed) = (Pose::identity(), 0.0f64, false);
-        for i in -4..40i64 {
-            let time = MonoNs(1_000_000_000 + i * 40_000_000);
-            agreement.note(time, &cell.view(&X_WB, &mut random), &X_WB, &set_point);
-            if i < 0 {
-                continue;
-            }
-            agreement.begin();
-            if agreement.is_judged() {
-                break;
-            }
-            match agreement.probe_velocity(&X_WB) {
-                Some(v_W) => {
-                    X_WB.translation.vector += v_W * 0.04;
-                    probed = true;
-                }
-                None if !agreement.pauses() => X_WB = X_WB * step,
-                None => {}
-            }
-            farthest = farthest.max(X_WB.translation.vector.norm());
-        }
+        let (agreement, farthest, probed) = first_motion(&cell, (&v, &w), 0.0, &mut random);
         probes[usize::from(is_wrong)] += u32::from(probed);
         if is_wrong {
             let is_told = agreement.error().is_some() && farthest < 0.01;
@@ -153,4 +171,21 @@ fn probes_tell_wrong_mounts_and_let_askew_ones_go_on() {
     assert!(told_by_probe * 100 >= of_wrong * 95, "{told_by_probe} of {of_wrong}");
     // Some first motions tell nothing, such as those along the axis about which the mount is turned.
     assert!(told * 4 >= count * 3, "{told} of {count}");
+}
+
+/// Where three measurements of ten leap, a camera that is turned by a quarter is hardly ever taken for one that is askew.
+#[test]
+fn leaps_make_no_wrong_mount_an_askew_one() {
+    let mut random = Random::new(59);
+    let (mut probes, mut askew) = (0, 0);
+    for k in 0..2000 {
+        let turn = Vector3::z() * (TAU / 4.0 * f64::from(1 + k % 3));
+        let cell = DrawnMount::drawn(&mut random, Pose::new(Vector3::zeros(), turn), 1.0, 1.0);
+        let v = vector(&mut random, 0.04);
+        let w = Vector3::new(v.y, -v.x, 0.0) * 2.0 + vector(&mut random, 0.05);
+        let (agreement, _, probed) = first_motion(&cell, (&v, &w), 0.3, &mut random);
+        probes += u32::from(probed);
+        askew += u32::from(probed && agreement.is_judged() && agreement.error().is_none());
+    }
+    assert!(probes >= 100 && askew * 50 <= probes, "{askew} of {probes}");
 }
