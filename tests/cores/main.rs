@@ -31,6 +31,7 @@ mod lens;
 mod limit_avoidance;
 mod load_calibration;
 mod look_and_move;
+mod lost_views;
 mod moments;
 mod object_at_rest;
 mod occlusion;

@@ -80,11 +80,11 @@ fn drawn(random: &mut Random) -> Vec<String> {
     vec![format!("servo.desired.position_m={at:?}"), format!("run.seed={}", random.between(0.0, 1e6) as u32)]
 }
 
-#[test]
-fn of_drawn_wrong_mounts_38_of_40_stop_within_a_centimetre() {
-    let mut random = Random::new(20_261_126);
-    let (mut told, mut draws) = (0, 0);
-    for k in 0..40 {
+/// How many of so many drawn wrong mounts are told rightly within a centimetre.
+fn told_of(draws: usize, seed: u64) -> usize {
+    let mut random = Random::new(seed);
+    let (mut told, mut ways) = (0, Vec::new());
+    for k in 0..draws {
         let file = ["ur5", "panda", "xarm7"][k % 3];
         let (wrong, words) = match k % 4 {
             0 => {
@@ -96,14 +96,26 @@ fn of_drawn_wrong_mounts_38_of_40_stop_within_a_centimetre() {
         };
         let set = [wrong, drawn(&mut random)].concat();
         let (outcome, reason, farthest) = ran(file, &set);
-        draws += 1;
+        ways.push(1e3 * farthest);
         if outcome == Outcome::Fault && reason.contains(words) && farthest < 0.01 {
             told += 1;
         } else {
             println!("{file} {set:?}: {outcome:?} after {:.1} mm, {reason}", 1e3 * farthest);
         }
     }
-    assert!(told >= 38, "{told} of {draws}");
+    ways.sort_by(f64::total_cmp);
+    println!("{told} of {draws}, mm: {ways:.1?}");
+    told
+}
+
+#[test]
+fn of_drawn_wrong_mounts_38_of_40_stop_within_a_centimetre() {
+    assert!(told_of(40, 20_261_126) >= 38);
+}
+
+#[test]
+fn of_80_further_wrong_mounts_76_stop_within_a_centimetre() {
+    assert!(told_of(80, 57_003) >= 76);
 }
 
 #[test]
@@ -122,6 +134,90 @@ fn cameras_that_are_turned_less_go_on_as_they_were() {
             let (outcome, reason, _) = ran(file, &set);
             assert_ne!(outcome, Outcome::Fault, "{file} {set:?}: {reason}");
         }
+    }
+}
+
+/// A cell whose camera is told to sit elsewhere: run file, where the mount is told to be, where the object is, the start, the goal, each as position and rotation, and the law.
+type AskewCell = (&'static str, [&'static str; 8]);
+
+/// Mounts that are 15 and 20 degrees and 2 to 5 cm off. The first motion of each is also that of a camera which is turned by a quarter, to less than 3 % of its square.
+const ASKEW: [AskewCell; 5] = [
+    (
+        "ur5",
+        [
+            "camera.mount.position_m=[0.03282,0.03753,0.05386]",
+            "camera.mount.rotation_rpy_rad=[-0.1079,-0.2218,0.1011]",
+            "scene.object.position_m=[0.08097,0.3493,-0.1055]",
+            "scene.object.rotation_rpy_rad=[2.533,-0.3771,-1.413]",
+            "robot.q_start_rad_or_m=[0.1061,-0.8883,0.3131,-0.1952,-1.266,0.8629]",
+            "servo.desired.position_m=[-0.06948,-0.0521,0.4136]",
+            "servo.desired.rotation_rpy_rad=[-0.1649,0.07953,0.02804]",
+            "servo.scheme='hybrid'",
+        ],
+    ),
+    (
+        "panda",
+        [
+            "camera.mount.position_m=[0.0181,-0.004693,0.02518]",
+            "camera.mount.rotation_rpy_rad=[0.3239,-0.06407,0.1038]",
+            "scene.object.position_m=[0.4877,0.1561,0.2008]",
+            "scene.object.rotation_rpy_rad=[-2.655,0.2341,-0.8148]",
+            "robot.q_start_rad_or_m=[0.2097,-1.196,-0.5016,-2.243,0.1079,1.543,-0.1628]",
+            "servo.desired.position_m=[-0.05778,-0.0541,0.4142]",
+            "servo.desired.rotation_rpy_rad=[0.02059,-0.07171,0.1473]",
+            "servo.interaction='current'",
+        ],
+    ),
+    (
+        "xarm7",
+        [
+            "camera.mount.position_m=[-0.00273,0.04935,0.05756]",
+            "camera.mount.rotation_rpy_rad=[0.2195,0.1442,0.2473]",
+            "scene.object.position_m=[-0.1646,0.0004184,0.1746]",
+            "scene.object.rotation_rpy_rad=[3.02,0.6264,-0.6379]",
+            "robot.q_start_rad_or_m=[-0.2641,-0.3008,-0.1133,1.239,-0.1107,2.369,-0.7828]",
+            "servo.desired.position_m=[-0.07574,-0.0324,0.4367]",
+            "servo.desired.rotation_rpy_rad=[-0.09069,-0.09071,0.03352]",
+            "servo.interaction='current'",
+        ],
+    ),
+    (
+        "xarm7",
+        [
+            "camera.mount.position_m=[0.005634,0.003871,0.06674]",
+            "camera.mount.rotation_rpy_rad=[0.04835,-0.2827,-0.2066]",
+            "scene.object.position_m=[-0.01606,0.3078,0.2252]",
+            "scene.object.rotation_rpy_rad=[-3.101,0.1504,-0.144]",
+            "robot.q_start_rad_or_m=[0.4697,-0.6479,-0.9462,2.429,1.294,2.999,1.38]",
+            "servo.desired.position_m=[-0.02129,-0.07466,0.4607]",
+            "servo.desired.rotation_rpy_rad=[-0.1054,-0.02946,0.4467]",
+            "servo.interaction='current'",
+        ],
+    ),
+    (
+        "ur5",
+        [
+            "camera.mount.position_m=[-0.02773,-0.03806,0.03319]",
+            "camera.mount.rotation_rpy_rad=[0.2932,0.1873,-0.01471]",
+            "scene.object.position_m=[0.3297,0.2526,0.2339]",
+            "scene.object.rotation_rpy_rad=[-3.013,0.1095,-1.879]",
+            "robot.q_start_rad_or_m=[0.3923,-2.068,1.36,-1.111,-1.624,1.096]",
+            "servo.desired.position_m=[-0.002592,-0.07632,0.4979]",
+            "servo.desired.rotation_rpy_rad=[-0.04131,0.07933,0.1339]",
+            "servo.scheme='hybrid'",
+        ],
+    ),
+];
+
+#[test]
+fn a_camera_that_is_mounted_askew_is_no_turned_one() {
+    for (file, cell) in ASKEW {
+        let truth =
+            ["scene.camera.mount.position_m=[0,0,0.05]", "scene.camera.mount.rotation_rpy_rad=[0,0,0]"];
+        let set: Vec<String> = cell.iter().chain(&truth).map(ToString::to_string).collect();
+        let (outcome, reason, _) = ran(file, &set);
+        println!("{file} {}: {outcome:?}, {reason}", cell[0]);
+        assert!(outcome != Outcome::Fault, "{file} {}: {reason}", cell[0]);
     }
 }
 

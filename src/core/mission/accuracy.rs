@@ -7,7 +7,7 @@
 use super::model_error::drop_every_second;
 use super::{BelievedCell, DescriptionError};
 use crate::calibration::from_run::{
-    CONFIDENCE, NEW_PX, RunCell, RunRefinement, RunViews, SeenPoint, SeenView, fit_run,
+    CONFIDENCE, NEW_PX, RunCell, RunRefinement, RunViews, SeenPoint, SeenView, fit_run, odd_point,
 };
 use crate::geometry::Pose;
 use crate::messages::Measurement;
@@ -104,8 +104,12 @@ impl<const N: usize> RunViewLog<N> {
         goal: &SetPoint,
         q: Option<&SVector<f64, N>>,
     ) -> Hindsight {
-        let run = self.run_views(goal);
+        let mut run = self.run_views(goal);
         let cell = RunCell { robot: &believed.robot, mount: &believed.mount, camera: &believed.camera };
+        // A mark whose rim was covered for a while is no lens and no mount.
+        if let Some(odd) = odd_point(&cell, &run, SURE) {
+            run = run.without(&odd);
+        }
         let Ok(fit) = fit_run(&cell, &run) else { return Hindsight::default() };
         let accuracy = |at: (&SVector<f64, N>, &Pose)| {
             let end = fit.end_pose(at);

@@ -8,15 +8,23 @@
 //! X(R) = R^-1 X R
 //! ```
 //! The same of an image in which left and right, or above and below, are exchanged: there `R` is a reflection.
-//! Where one of the latter is seen and the former is not, whatever the depth is, the mount is wrong. Errors of lens and stamps look like none of them, nor does an object that moves: where the
+//! Where one of the latter is seen and the former is not, whatever the depth is, the mount is wrong, unless a camera that is only mounted askew shows it, too ([`strain`]): then the arm moves it a little the
+//! other way, without a turn, and the two motions together tell ([`probe`]). Errors of stamps look like none of them, nor does an object that moves: where the
 //! features moved while the arm stood, the believed camera may explain the image with that motion going on, too. An object that goes twice as fast as the arm that follows it would look like a camera
 //! that is turned by 180 degrees otherwise. Where an arm began to move with its first view nothing is known of that: it pauses then, and what moves before a camera that stands is the object.
+
+mod probe;
+mod strain;
+mod wrong_mount;
 
 use super::{SetPoint, View};
 use crate::geometry::Pose;
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::Vector3;
-use std::f64::consts::{FRAC_PI_2, TAU};
+use probe::{MountProbe, MountProbeResult};
+use strain::{CREDIBLE, SeenMotion, strain};
+pub use wrong_mount::MountError;
+use wrong_mount::wrong_mounts;
 
 /// Displacement of the features from which on they are judged, root mean square, normalized coordinates: a pixel of a lens of 800 px, fifteen times the noise of a dot, which leaves 1 % of its square. Chosen by hand:
 /// a camera half a metre before its target has gone 0.6 mm by then.
@@ -38,8 +46,6 @@ const PAUSED_FOR: SpanNs = SpanNs(100_000_000);
 const LONGEST_PAUSE: SpanNs = SpanNs(1_000_000_000);
 /// Displacement from which on it is judged no more, in units of [`JUDGED`]. Chosen by hand: by then a contradiction was seen in several frames.
 const GIVEN_UP: f64 = 64.0;
-/// Turns that are tried, in a whole one. Chosen by hand: 5 degrees beside the true turn leave 0.8 % of the displacement's square.
-const TURNS: u16 = 36;
 /// Share of the square of the displacement that may be left where a camera is believed: another is left by turns of 15 degrees. Chosen by hand: that is what a description may be off by, and still be believed.
 const EXPLAINED: f64 = 0.06;
 /// The same of a wrong mount: 10 degrees beside the true turn. Chosen by hand, for a lens or a size that is off by a few percent besides.
@@ -50,18 +56,6 @@ const DEPTH_STEP: f64 = 1.19;
 const DEPTHS: i32 = 11;
 /// Share of what the believed camera leaves that a turned one may leave. Chosen by hand.
 const BETTER: f64 = 0.1;
-/// Least turn that turns a law away, rad. Measured: with 50 degrees UR5, Panda, xArm7 and two of four SCARAs converge, with 90 none does.
-const TURNED: f64 = 1.2;
-
-/// How the mount of a camera is wrong, such that each law leads away from its goal.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum MountError {
-    /// The camera is turned about its optical axis against `camera.mount`, by so many quarters, 1 to 3.
-    Turned(u8),
-    /// Its axes are others, or have other signs, or its images are mirrored.
-    OtherAxes,
-}
-
 /// What is known of the mount.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 enum MountJudgement {
@@ -80,6 +74,13 @@ struct Sighting {
     exposure: MonoNs,
     view: View,
     X_WC: Pose,
+}
+
+impl Sighting {
+    /// Without the depths of a pose nothing can be foretold from what is left of a target.
+    fn foretells(&self) -> bool {
+        self.view.X_CO().is_some() || !self.view.is_partial()
+    }
 }
 
 /// What was seen while the arm stood.
@@ -110,6 +111,9 @@ pub(super) struct MotionAgreement {
     /// Whether the arm stands while it is to ([`Self::pauses`]).
     may_pause: bool,
     pause: Option<Pause>,
+    /// Whether the arm moves as it is to ([`Self::probe_velocity`]).
+    may_probe: bool,
+    probe: Option<MountProbe>,
     /// Whether the law moves the arm.
     moves: bool,
     standing: Option<Standing>,
@@ -119,14 +123,29 @@ pub(super) struct MotionAgreement {
 }
 
 impl MotionAgreement {
-    /// A comparison for an arm that `may_pause`: one whose law gives velocities.
+    /// A comparison for an arm that `may_pause` and make motions of its own: one whose law gives velocities.
     pub(super) fn new(may_pause: bool) -> Self {
-        Self { may_pause, ..Self::default() }
+        Self { may_pause, may_probe: may_pause, ..Self::default() }
+    }
+
+    /// The same for an arm that goes by another law, too.
+    pub(super) fn without_probes(self) -> Self {
+        Self { may_probe: false, ..self }
+    }
+
+    /// The same before anything was seen.
+    pub(super) fn anew(&self) -> Self {
+        Self { may_pause: self.may_pause, may_probe: self.may_probe, ..Self::default() }
     }
 
     /// Whether the arm is to stand, so that the motion of the object is seen.
     pub(super) fn pauses(&self) -> bool {
         self.pause.is_some()
+    }
+
+    /// The velocity that a camera at `X_WC` is to have in place of what the law gives it, in the frame in which the object rests, m/s; without a turn.
+    pub(super) fn probe_velocity(&mut self, X_WC: &Pose) -> Option<Vector3<f64>> {
+        self.probe.as_mut().map(|probe| probe.velocity(X_WC))
     }
 
     /// The law moves the arm from now on.
@@ -140,7 +159,7 @@ impl MotionAgreement {
             return false;
         }
         (self.moves, self.suspicion, self.judgement) = (false, None, MountJudgement::Open);
-        self.pause = None;
+        (self.pause, self.probe) = (None, None);
         true
     }
 
@@ -150,11 +169,22 @@ impl MotionAgreement {
             return;
         }
         let now = Sighting { exposure, view: *view, X_WC: *X_WC };
-        // Without the depths of a pose nothing can be foretold from what is left of a target.
-        let foretells = view.X_CO().is_some() || !view.is_partial();
+        let foretells = now.foretells();
         if let Some(pause) = &mut self.pause {
             if let Some(judgement) = pause.judge(now, set_point) {
                 (self.judgement, self.pause) = (judgement, None);
+            }
+            return;
+        }
+        if let Some(probe) = &mut self.probe {
+            let error = probe.error();
+            if let Some(result) = probe.judge(now, set_point) {
+                self.probe = None;
+                match result {
+                    MountProbeResult::Askew => self.judgement = MountJudgement::Agrees,
+                    MountProbeResult::Wrong => self.judgement = MountJudgement::Wrong(error),
+                    MountProbeResult::Unknown => self.accuse(error, exposure),
+                }
             }
             return;
         }
@@ -204,35 +234,47 @@ impl MotionAgreement {
             explained.into_iter().flatten().map(|motion| motion.left).fold(left, f64::min)
         };
         let left = (-DEPTHS..=DEPTHS).map(of_depth).fold(left, f64::min);
-        let turned = wrong_mounts().map(|(R, error)| (R.inv_mul(&X_CB) * R, error));
-        let mirrored = [0, 1].map(|axis| (mirrored(&X_CB, axis), Some(MountError::OtherAxes)));
-        let least = turned.chain(mirrored).filter_map(|(X_CB, error)| {
-            let motion = feature_motion(&base, &X_CB, view, set_point)?;
-            Some((motion.left, error))
+        let least = wrong_mounts().filter_map(|(mount, error)| {
+            let motion = feature_motion(&base, &mount.motion(&X_CB), view, set_point)?;
+            Some((motion.left, mount, error))
         });
-        let best = least.min_by(|(a, _), (b, _)| a.total_cmp(b));
+        let best = least.min_by(|(a, ..), (b, ..)| a.total_cmp(b));
         let most = (BETTER * left).min(EXPLAINED_BY_ERROR * seen * seen);
-        let sure = best.filter(|(turned, _)| *turned < most);
-        let seen_now = sure.and_then(|(_, error)| error);
+        let sure = best.filter(|(turned, ..)| *turned < most);
+        let seen_now = sure.and_then(|(_, mount, error)| Some((mount, error?)));
         match (self.suspicion, seen_now) {
-            (Some((before, at)), Some(error)) if before == error => {
+            (Some((before, at)), Some((mount, error))) if before == error => {
                 if moved >= GROWN * at {
-                    if self.may_pause && standing.shows_no_motion() {
-                        self.pause = Some(Pause { error, since: exposure, first: None });
-                    } else {
-                        self.judgement = MountJudgement::Wrong(error);
+                    let first = SeenMotion { base, X_CB, view: *view };
+                    let may_be_askew =
+                        self.may_probe && strain(&[first], set_point).is_some_and(|x| x < CREDIBLE);
+                    let suspect = (mount, error);
+                    self.probe =
+                        may_be_askew.then(|| MountProbe::new(suspect, first, &now, set_point)).flatten();
+                    if self.probe.is_none() {
+                        self.accuse(error, exposure);
                     }
                     return;
                 }
             }
             // A view that nothing explains, as by a measurement that leaps, says nothing of what was seen before it.
             (Some(_), None) if !is_explained(left) => {}
-            (_, error) => self.suspicion = error.map(|error| (error, moved)),
+            (_, seen_now) => self.suspicion = seen_now.map(|(_, error)| (error, moved)),
         }
         if seen_now.is_none() && is_explained(left) {
             self.judgement = MountJudgement::Agrees;
         } else {
             self.give_up(moved);
+        }
+    }
+
+    /// The mount is wrong, unless it is the object that moves: where nothing is known of that after a view at `exposure`, the arm pauses.
+    fn accuse(&mut self, error: MountError, exposure: MonoNs) {
+        let knows_nothing = self.standing.is_some_and(|standing| standing.shows_no_motion());
+        if self.may_pause && knows_nothing {
+            self.pause = Some(Pause { error, since: exposure, first: None });
+        } else {
+            self.judgement = MountJudgement::Wrong(error);
         }
     }
 
@@ -314,35 +356,6 @@ struct OwnMotion<'a> {
 /// Whether an image stands where the camera goes by `X_CB`.
 fn is_still(X_CB: &Pose) -> bool {
     X_CB.translation.vector.norm() < STILL_M && X_CB.rotation.angle() < STILL
-}
-
-/// The mounts that are tried, as turns of the true camera against the believed one: about the optical axis, and all others by right angles. Those by which a law still finds its goal are no error.
-fn wrong_mounts() -> impl Iterator<Item = (Pose, Option<MountError>)> {
-    let turned = |axis: Vector3<f64>| Pose::new(Vector3::zeros(), axis);
-    let about_z = (1..TURNS).map(move |k| {
-        let turn = TAU * f64::from(k) / f64::from(TURNS);
-        let quarters = ((turn / FRAC_PI_2).round() as u8).clamp(1, 3);
-        let is_wrong = (TURNED..=TAU - TURNED).contains(&turn);
-        (turned(Vector3::z() * turn), is_wrong.then_some(MountError::Turned(quarters)))
-    });
-    let tilts = [Vector3::x(), -Vector3::x(), Vector3::y(), -Vector3::y(), Vector3::x() * 2.0];
-    let others = tilts.into_iter().flat_map(move |tilt| {
-        let tilt = turned(tilt * FRAC_PI_2);
-        (0..4).map(move |k| {
-            (tilt * turned(Vector3::z() * (FRAC_PI_2 * f64::from(k))), Some(MountError::OtherAxes))
-        })
-    });
-    about_z.chain(others)
-}
-
-/// The motion that is seen in images in which this axis, 0 for x and 1 for y, is reversed: a reflection about it on both sides.
-fn mirrored(X: &Pose, axis: usize) -> Pose {
-    let (mut t, mut r) = (X.translation.vector, X.rotation.scaled_axis());
-    // A rotation vector is an axial one: a reflection keeps its component along the axis, and reverses the others.
-    t[axis] = -t[axis];
-    r = -r;
-    r[axis] = -r[axis];
-    Pose::new(t, r)
 }
 
 /// How the features have moved since another view: mean squares over them, normalized coordinates.

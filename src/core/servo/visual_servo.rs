@@ -12,6 +12,7 @@ mod frozen_image;
 mod hidden_features;
 mod law_answer;
 mod look_around;
+mod mount_watch;
 mod pace;
 mod target_change;
 
@@ -20,8 +21,8 @@ use super::jacobian_learner::JacobianLearner;
 use super::motion_agreement::MotionAgreement;
 use super::unobserved_motion::{LONGEST_SPAN, unobserved_motion};
 use super::{
-    Arm, Convergence, DepthRow, LawOutput, MeasurementVerdict, MountError, MovingGoal, ObjectMotion,
-    ServoSettings, SetPoint, Task, TwistTask, UnobservedMotion, UpdatePolicy, View, joint_velocity,
+    Arm, Convergence, DepthRow, LawOutput, MeasurementVerdict, MovingGoal, ObjectMotion, ServoSettings,
+    SetPoint, Task, TwistTask, UnobservedMotion, UpdatePolicy, View, joint_velocity,
 };
 use crate::geometry::Pose;
 use crate::messages::{Measurement, TargetStatus};
@@ -331,25 +332,6 @@ impl<const N: usize> VisualServo<N> {
         Some(UnobservedMotion { dq, from, span })
     }
 
-    /// How the camera's mount is wrong, by how the image moved with the arm's first motion; `None` where it is not. Each law leads away from its goal then.
-    #[must_use]
-    pub fn mount_error(&self) -> Option<MountError> {
-        self.agreement.error()
-    }
-
-    /// The share of the joint velocity `qd` (rad/s or m/s), 0 to 1, with which the `first` motion of a camera at a pose with a Jacobian is slow enough
-    /// ([`ServoSettings::first_motion_m_s`]). 0 while it waits to see whether the object moves; 1 where the object moves or the Jacobian is learnt, since then nothing is known of how the image should move.
-    pub fn first_motion_share(&mut self, qd: &SVector<f64, N>, first: (&Pose, &CameraJacobian<N>)) -> f64 {
-        if self.agreement.pauses() {
-            return 0.0;
-        }
-        let foretold = self.object.is_none() && self.learner.is_none();
-        match self.settings.first_motion_m_s.filter(|_| foretold) {
-            Some(speed) => self.first_motion.share(qd, first, speed, self.agreement.is_judged()),
-            None => 1.0,
-        }
-    }
-
     /// Takes the joint motion that the last measurement showed beyond the history; `None` at the next call.
     pub fn take_unobserved_motion(&mut self) -> Option<UnobservedMotion<N>> {
         self.drift.take()
@@ -368,6 +350,10 @@ impl<const N: usize> VisualServo<N> {
         }
         self.agreement.begin();
         let motion = self.move_goal();
+        if let Some(probing) = self.probing(q, robot) {
+            self.held = Some(probing);
+            return Some(probing.law_output);
+        }
         let last = self.last.as_ref()?;
         let fresh = std::mem::take(&mut self.fresh);
         let held = self.settings.update == UpdatePolicy::Frame && !fresh;

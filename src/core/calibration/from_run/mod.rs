@@ -12,12 +12,14 @@
 //! as not seen, with the motion that would show it. What is left uncertain makes the pose in which the run has ended uncertain ([`EndPose`]). The size of the target shows because the joints are metric.
 
 mod end_pose;
+mod odd_point;
 mod problem;
 mod refinement;
 mod unknowns;
 mod views;
 
 pub use end_pose::{CONFIDENCE, DescribedPart, EndPose};
+pub(crate) use odd_point::odd_point;
 pub use problem::{RunFit, fit_run};
 pub use refinement::{RefinedNumber, RunRefinement, RunRefinementError};
 pub(crate) use views::NEW_PX;

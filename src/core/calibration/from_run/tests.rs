@@ -231,3 +231,35 @@ fn twists_are_found_again() {
         assert!((found - xi).amax() < 1e-9, "{found} {xi}");
     }
 }
+
+/// A mark whose rim is covered for a while, of a cell that is as told: all numbers are as told without it, and only without it. A lens or a mount that is another one stays so without any mark.
+#[test]
+fn a_mark_that_is_covered_in_part_is_no_lens() {
+    let mut random = Random::new(37);
+    let (robot, _) = arm();
+    let (told, lens) = (mount(), camera());
+    let cell = RunCell { robot: &robot, mount: &told, camera: &lens };
+    let (mut contradicted, mut found, mut lens_kept) = (0, 0, 0);
+    for k in 0..20 {
+        let exact = TrueCell { camera: lens, mount: told, stamps_s: 0.0, size: 1.0 };
+        let mut covered = run(&exact, &told, 0.15, &mut random);
+        covered.views.truncate(30);
+        assert_eq!(odd_point(&cell, &covered, 4.0), None, "nothing is covered");
+        let odd = covered.views[0].points[k % 4].p_O;
+        for point in covered.views[4..22].iter_mut().flat_map(|view| &mut view.points) {
+            if point.p_O == odd {
+                point.px += Vector2::new(0.7, -0.4);
+            }
+        }
+        let all = fit_run(&cell, &covered).and_then(|fit| fit.refinement()).unwrap();
+        contradicted += u32::from(all.contradicts(4.0));
+        found += u32::from(odd_point(&cell, &covered, 4.0) == Some(odd));
+        let longer = lens_at(&lens, &Vector5::new(0.05, 0.0, 0.0, 0.0, 0.0)).unwrap();
+        let mut other = run(&TrueCell { camera: longer, ..exact }, &told, 0.15, &mut random);
+        other.views.truncate(30);
+        lens_kept += u32::from(odd_point(&cell, &other, 4.0).is_none());
+    }
+    // Where all points contradict nothing there is nothing to look for.
+    assert!(contradicted >= 8 && found + 2 >= contradicted, "{found} of {contradicted}");
+    assert!(lens_kept >= 18, "{lens_kept} of 20");
+}

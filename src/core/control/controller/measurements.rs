@@ -12,7 +12,7 @@ impl<const N: usize> Controller<N> {
     pub(super) fn take(&mut self, now: MonoNs, m: &Measurement) -> MeasurementVerdict {
         let verdict = self.servo.add_measurement(now, m, &self.arm.robot);
         if verdict != MeasurementVerdict::OtherTarget {
-            self.returning.note(m);
+            self.returning.note(m, verdict);
         }
         self.behaviour.note(now, m, verdict, &self.servo);
         let (drift, mount_error) = (self.servo.take_unobserved_motion(), self.servo.mount_error());

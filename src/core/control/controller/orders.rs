@@ -97,8 +97,8 @@ impl<const N: usize> Controller<N> {
             self.behaviour.forget_target();
             self.returning.forget_target();
         }
+        self.forget_losses();
         self.servo.set_goal(goal);
-        self.returning.forget_losses();
         self.cue(Cue::Taught);
     }
 

@@ -74,7 +74,9 @@ impl<const N: usize> Controller<N> {
     /// The same with a second camera that controls the arm, too.
     #[must_use]
     pub fn with_second(self, second: Option<SecondServo<N>>) -> Self {
-        Self { second: second.map(Box::new), ..self }
+        let Some(second) = second else { return Self { second: None, ..self } };
+        let second = SecondServo { servo: second.servo.beside_another(), ..second };
+        Self { servo: self.servo.beside_another(), second: Some(Box::new(second)), ..self }
     }
 
     /// The law of the second camera, where one controls the arm.

@@ -1,6 +1,7 @@
 use super::*;
 use crate::sim::perfect_measurement;
 use nalgebra::Point3;
+use std::f64::consts::TAU;
 
 const POINTS: [(f64, f64); 4] = [(0.0, 0.0), (0.1, 0.0), (0.1, 0.1), (0.0, 0.1)];
 

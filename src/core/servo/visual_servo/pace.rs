@@ -1,6 +1,7 @@
 //! The effective gain of a resolved-velocity law: reduced near the goal and for an arm that oscillates, raised where the law uses predicted views.
 
 use super::{ServoGoal, ServoSettings, View, VisualServo};
+use crate::servo::{InteractionAt, Law};
 use nalgebra::Vector2;
 
 /// Feature error at which the gain has fallen half-way to `gain_at_goal_1_s`, root mean square, normalized: a pixel of a lens of 800 px, below which
@@ -16,6 +17,17 @@ impl<const N: usize> VisualServo<N> {
     /// Sets the gain of the law, 1/s, as `servo.gain_1_s` does with one number. Returns whether it did: not where the law has several or an adaptive one.
     pub fn set_gain(&mut self, gain_1_s: f64) -> bool {
         self.settings.law.set_gain(gain_1_s)
+    }
+
+    /// Has scheme D go by the interaction matrix `to` in place of `from`. Returns whether it went by that.
+    pub(crate) fn replace_interaction(&mut self, from: InteractionAt, to: InteractionAt) -> bool {
+        match &mut self.settings.law {
+            Law::ImageVelocity { interaction, .. } if interaction.at == from => {
+                interaction.at = to;
+                true
+            }
+            _ => false,
+        }
     }
 }
 

@@ -3,7 +3,6 @@
 
 use super::VisualServo;
 use crate::servo::first_motion::FirstMotion;
-use crate::servo::motion_agreement::MotionAgreement;
 use crate::servo::{MeasurementVerdict, ObjectMotion};
 use nalgebra::{Point3, SVector, Vector3};
 
@@ -66,7 +65,7 @@ impl<const N: usize> VisualServo<N> {
         self.sought = Some(0);
         self.object = self.settings.object.map(ObjectMotion::new);
         if self.agreement.interrupt() {
-            (self.agreement, self.first_motion) = (MotionAgreement::default(), FirstMotion::default());
+            (self.agreement, self.first_motion) = (self.agreement.anew(), FirstMotion::default());
         }
     }
 
