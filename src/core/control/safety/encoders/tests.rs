@@ -77,6 +77,7 @@ fn motion_within_a_step_is_no_repeated_state() {
         step: Vector1::repeat(0.015),
         inertia: Vector1::repeat(1.0),
         coulomb: Vector1::zeros(),
+        lag: Vector1::zeros(),
     };
     let still = DriveState { q: Vector1::new(0.3), qd: Vector1::zeros(), truth: None };
     for k in 0..100 {
