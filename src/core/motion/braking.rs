@@ -227,6 +227,27 @@ mod tests {
         assert_eq!(braking_speed(JointMotionState { q: 1e-3, v: 1.0, a: 3.0 }, &B), 0.0, "it is past it");
     }
 
+    /// A joint whose acceleration alone is left rests when that is worked off: 4 rad/s2 by 40 rad/s3.
+    #[test]
+    fn the_end_of_braking_lasts_as_long_as_its_acceleration() {
+        for side in [1.0, -1.0] {
+            let s = JointMotionState { q: 0.1, v: -0.2 * side, a: 4.0 * side };
+            assert_eq!(s.settled(B.jerk), 0.0);
+            assert!((braking_time_s(s, &B) - 0.1).abs() < 1e-12);
+            let end = braked(s, &B, 0.1 - 1e-9);
+            assert!(end.v.abs() < 1e-6 && end.a.abs() < 1e-6, "{end:?}");
+            let half = braked(s, &B, 0.05);
+            assert!((half.a - 2.0 * side).abs() < 1e-9, "{half:?}");
+        }
+    }
+
+    #[test]
+    fn a_share_of_the_way_is_one_of_each_number() {
+        let (from, to) =
+            (JointMotionState { q: 1.0, v: -2.0, a: 3.0 }, JointMotionState { q: 3.0, v: 2.0, a: -5.0 });
+        assert_eq!(from.towards(to, 0.25), JointMotionState { q: 1.5, v: -1.0, a: 1.0 });
+    }
+
     #[test]
     fn rest_stays_rest() {
         let s = JointMotionState { q: 0.3, v: 0.0, a: 0.0 };
