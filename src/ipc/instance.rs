@@ -374,11 +374,16 @@ impl Instance {
     }
 }
 
+/// The letter by which the kernel tells the state of process `pid`, as proc(5) lists them; none of a process that there is not.
+pub(crate) fn process_state(pid: impl std::fmt::Display) -> Option<char> {
+    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
+    // After the name, which is in brackets and may have spaces and brackets itself.
+    stat.rsplit(')').next()?.trim_start().chars().next()
+}
+
 /// Whether process `pid` has been suspended by a signal, as by Ctrl-Z.
 pub(crate) fn is_suspended(pid: i32) -> bool {
-    // After the name, which may have spaces and brackets, comes the state.
-    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat"));
-    stat.is_ok_and(|stat| stat.rsplit(") ").next().is_some_and(|rest| rest.starts_with('T')))
+    process_state(pid) == Some('T')
 }
 
 #[cfg(test)]

@@ -46,8 +46,8 @@ pub use error::IpcError;
 pub use frame_shape::{FrameShape, SPACE_BESIDE_FRAMES_BYTES, SPACE_OF_MEASUREMENTS_BYTES};
 pub use heartbeat::{Heartbeat, TICKS_ARE_OVER};
 pub use image_ports::{ImagePorts, ImageSender, ReceivedImage};
-pub(crate) use instance::is_suspended;
 pub use instance::{Instance, InstanceError, RoleLock};
+pub(crate) use instance::{is_suspended, process_state};
 pub use ports::{
     BorrowedFrame, FrameReceiver, FrameSender, QuietFrameReceiver, QuietSender, ReceivedFrame, Receiver,
     Sender, WakeListener, WakeNotifier,

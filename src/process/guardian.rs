@@ -10,12 +10,12 @@ use super::priority::{self, Rank};
 use super::{Membership, ProcessError, StopFlag};
 use crate::config::{Clock, Config, DriveKind, RealtimePolicy, assemble};
 use crate::guardian::{
-    ControlLife, GuardedAxis, GuardedLimits, GuardedSide, GuardedSpace, GuardedSphere, Guardian,
-    GuardianFinding,
+    ControlLife, GuardedAxis, GuardedJoint, GuardedLimits, GuardedSide, GuardedSpace, GuardedSphere,
+    Guardian, GuardianFinding,
 };
-use crate::ipc::{Halt, Instance, IpcError, Receiver, Role, StopWord};
-use crate::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, drive_flag};
-use crate::motion::{ArmPlaces, MotionLimits, WorkspaceSettings, checked_points};
+use crate::ipc::{Halt, Instance, IpcError, Receiver, Role, StopWord, process_state};
+use crate::messages::{DriveCommandMsg, DriveStateMsg, drive_flag};
+use crate::motion::{ArmPlaces, CheckedPoint, HalfSpace, WorkspaceSettings, checked_points};
 use crate::robot::Robot;
 use crate::rt::{now, prepare_process, sleep_until};
 use crate::time::{SpanNs, TICK};
@@ -89,27 +89,21 @@ impl GuardianWatch<'_> {
             self.word = self.instance.open_stop_word().ok().flatten();
         }
         let stands = self.word.as_ref().is_some_and(StopWord::is_stopped_by_guardian);
-        match (self.guardian.has_stopped(), stands) {
-            // Of a guardian that was here before.
-            (false, true) => self.guardian.stop(),
-            (true, false) => {
-                info!("the guardian's stop was reset");
-                self.instance.leave_words_of_guardian(""); // what comes later has other reasons
-                self.guardian.reset();
-            }
-            _ => {}
+        if stands && !self.guardian.has_stopped() {
+            self.guardian.stop(); // by a guardian that was here before
+        } else if !stands && self.guardian.has_stopped() {
+            info!("the guardian's stop was reset");
+            self.instance.leave_words_of_guardian(""); // what comes later has other reasons
+            self.guardian.reset();
         }
         let mut finding = None;
         let taken = self.take(&mut finding);
-        if taken.is_err() && !self.guardian.is_armed() {
-            return Ok(taken?);
-        }
-        // In the middle of a run messages that are not received are a silence, and end in a stop.
         let process = self.word.as_ref().map_or(0, StopWord::control_process);
         if let Some(finding) = finding.or_else(|| self.guardian.look(time, || life_of(process))) {
             self.stop(&finding);
         }
-        Ok(())
+        // In the middle of a run messages that are not received are a silence, and end in a stop.
+        if self.guardian.is_armed() { Ok(()) } else { Ok(taken?) }
     }
 
     /// Takes everything that has come; the first finding in it.
@@ -139,16 +133,11 @@ impl GuardianWatch<'_> {
 
 /// What the kernel says of a process. Where it says nothing of this one either, that is no sign of death.
 fn life_of(process: u32) -> ControlLife {
-    let state_of = |process: &str| {
-        let text = std::fs::read_to_string(format!("/proc/{process}/stat")).ok()?;
-        // Behind the program's name, which is in brackets and may contain any.
-        text.rsplit(')').next()?.trim_start().chars().next()
-    };
-    match state_of(&process.to_string()) {
+    match process_state(process) {
         Some('T') => ControlLife::Suspended,
         Some('Z' | 'X') => ControlLife::Dead,
         Some(_) => ControlLife::Runs,
-        None if process != 0 && state_of("self").is_some() => ControlLife::Dead,
+        None if process != 0 && process_state(std::process::id()).is_some() => ControlLife::Dead,
         None => ControlLife::Runs,
     }
 }
@@ -156,31 +145,22 @@ fn life_of(process: u32) -> ControlLife {
 fn limits(config: &Config) -> Result<GuardedLimits, ProcessError> {
     crate::dispatch_robot!(config.robot, |robot| {
         let limits = assemble::motion_limits(config, &robot)?;
-        let joints = robot.limits().len();
-        let all = |of: &dyn Fn(usize) -> f64| -> [f64; MAX_JOINTS] {
-            std::array::from_fn(|i| if i < joints { of(i) } else { 0.0 })
+        let joint = |i: usize| GuardedJoint {
+            lower: limits.lower[i],
+            upper: limits.upper[i],
+            velocity: limits.velocity[i],
+            acceleration: limits.acceleration[i],
+            effort: robot.limits()[i].effort,
         };
+        // By then a control that found the drive silent has no motion left to command: twice the longest time in which a joint brakes from its largest velocity.
+        let braked = SpanNs::from_s(2.0 * limits.velocity.component_div(&limits.acceleration).max());
         Ok(GuardedLimits {
-            joints,
-            lower: all(&|i| limits.lower[i]),
-            upper: all(&|i| limits.upper[i]),
-            velocity: all(&|i| limits.velocity[i]),
-            acceleration: all(&|i| limits.acceleration[i]),
-            effort: all(&|i| robot.limits()[i].effort),
+            joints: (0..robot.limits().len()).map(joint).collect(),
             silence: config.safety.guardian_timeout,
-            states: SpanNs(config.safety.drive_timeout.0 + braking(&limits).0),
-            space: config
-                .workspace
-                .as_ref()
-                .map_or_else(GuardedSpace::default, |space| space_of(&robot, space)),
+            states: SpanNs(config.safety.drive_timeout.0 + braked.0),
+            space: config.workspace.as_ref().map(|space| space_of(&robot, space)).unwrap_or_default(),
         })
     })?
-}
-
-/// Twice the longest time in which a joint brakes from its largest velocity: by then a control that found the drive silent has no motion left to command.
-fn braking<const N: usize>(limits: &MotionLimits<N>) -> SpanNs {
-    let longest = limits.velocity.component_div(&limits.acceleration).max();
-    SpanNs::from_s(2.0 * longest)
 }
 
 /// The axes of the joints, the spheres on the arm and the planes, as they stand with all joints at zero.
@@ -192,13 +172,12 @@ fn space_of<const N: usize>(robot: &Robot<N>, settings: &WorkspaceSettings) -> G
         direction: skeleton.axis(i).into(),
         slides: i < N && robot.is_prismatic(i),
     };
-    let sphere = |point: &crate::motion::CheckedPoint| GuardedSphere {
+    let sphere = |point: &CheckedPoint| GuardedSphere {
         center: point.at(&places).into(),
         joints: point.joints,
         radius_m: point.radius_m,
     };
-    let side =
-        |side: &crate::motion::HalfSpace| GuardedSide { normal: side.normal.into(), offset_m: side.offset_m };
+    let side = |side: &HalfSpace| GuardedSide { normal: side.normal.into(), offset_m: side.offset_m };
     GuardedSpace {
         axes: std::array::from_fn(axis),
         spheres: checked_points(robot, settings).iter().map(sphere).collect(),
@@ -209,7 +188,7 @@ fn space_of<const N: usize>(robot: &Robot<N>, settings: &WorkspaceSettings) -> G
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::motion::HalfSpace;
+    use crate::messages::MAX_JOINTS;
     use std::process::Command;
 
     #[test]

@@ -15,7 +15,7 @@ mod space;
 
 pub use space::{GuardedAxis, GuardedSide, GuardedSpace, GuardedSphere, GuardedVector};
 
-use crate::messages::{DriveCommandMsg, DriveStateMsg, MAX_JOINTS, drive_flag};
+use crate::messages::{DriveCommandMsg, DriveStateMsg, drive_flag};
 use crate::robot::joint_in_words;
 use crate::time::{MonoNs, SpanNs, TICK};
 
@@ -40,7 +40,6 @@ const NOISE: f64 = 5e-3;
 /// The arm rests when it has reported no speed beyond this, rad/s or m/s, in so many states in a row. Chosen by hand: above the noise of a good drive's velocities; 20 ms.
 const REST_SPEED: f64 = 0.01;
 const RESTING_STATES: u32 = 20;
-
 /// An arm moves where it is commanded a velocity beyond this, rad/s or m/s. Chosen by hand: a tenth of the speed at which it rests.
 const MOVES: f64 = 1e-3;
 /// How far an arm that moves may be beyond a plane, or farther than where its motion began, m. Chosen by hand: control, which is to be first, takes 0 and 2 mm.
@@ -48,21 +47,31 @@ const BEYOND_M: f64 = 5e-3;
 /// Commands in a row with the arm beyond a plane that stop it. Chosen by hand: three times what control takes, which is to be first.
 const BEYOND_COMMANDS: u32 = 15;
 
-/// The limits of an arm's commands; of joints that there are not anything.
-#[derive(Debug, Clone, PartialEq)]
+/// Numbers of the command modes, as every drive's program has them.
+const TORQUE: u32 = 0;
+const VELOCITY: u32 = 1;
+const POSITION: u32 = 2;
+
+/// The limits of one joint's commands.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GuardedJoint {
+    /// Lower end of its range, rad or m.
+    pub lower: f64,
+    /// Upper end.
+    pub upper: f64,
+    /// Largest speed, rad/s or m/s.
+    pub velocity: f64,
+    /// Largest acceleration, rad/s^2 or m/s^2.
+    pub acceleration: f64,
+    /// Largest torque or force, N m or N.
+    pub effort: f64,
+}
+
+/// The limits of an arm's commands.
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct GuardedLimits {
-    /// Joints.
-    pub joints: usize,
-    /// Lower ends of their ranges, rad or m.
-    pub lower: [f64; MAX_JOINTS],
-    /// Upper ends.
-    pub upper: [f64; MAX_JOINTS],
-    /// Largest speeds, rad/s or m/s.
-    pub velocity: [f64; MAX_JOINTS],
-    /// Largest accelerations, rad/s^2 or m/s^2.
-    pub acceleration: [f64; MAX_JOINTS],
-    /// Largest torques or forces, N m or N.
-    pub effort: [f64; MAX_JOINTS],
+    /// Those of its joints, of which there are no more than a message has room for.
+    pub joints: Vec<GuardedJoint>,
     /// Longest silence of a control that runs.
     pub silence: SpanNs,
     /// Longest time without a state from the drive while control moves the arm.
@@ -188,9 +197,10 @@ impl GuardianFinding {
 }
 
 /// Whether commands are judged.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 enum GuardianStage {
     /// No command has come since START, LAST or a reset.
+    #[default]
     Unarmed,
     /// One has.
     Armed,
@@ -199,7 +209,7 @@ enum GuardianStage {
 }
 
 /// The judgement of one run.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Guardian {
     limits: GuardedLimits,
     stage: GuardianStage,
@@ -224,20 +234,7 @@ impl Guardian {
     /// Before the first command.
     #[must_use]
     pub fn new(limits: GuardedLimits) -> Self {
-        let (stage, last) = (GuardianStage::Unarmed, DriveCommandMsg::default());
-        Self {
-            limits,
-            stage,
-            last,
-            silence: SpanNs::ZERO,
-            looked: None,
-            from: None,
-            newest: None,
-            blind: SpanNs::ZERO,
-            resting: 0,
-            allowed_m: 0.0,
-            outside: 0,
-        }
+        Self { limits, ..Self::default() }
     }
 
     /// Takes a command in.
@@ -253,19 +250,21 @@ impl Guardian {
         if self.has_stopped() {
             return None;
         }
-        let before = self.is_armed().then_some(self.last);
-        if before.is_none() {
-            self.blind = SpanNs::ZERO;
+        let begins = !self.is_armed();
+        if begins {
+            // Nothing comes before it: it makes no step.
+            (self.last, self.blind) = (*command, SpanNs::ZERO);
         }
-        (self.stage, self.last) = (GuardianStage::Armed, *command);
-        let finding = self.judge(command, before.as_ref()).or_else(|| self.judge_places(before.is_none()));
+        let before = std::mem::replace(&mut self.last, *command);
+        self.stage = GuardianStage::Armed;
+        let finding = self.judge(&before).or_else(|| self.judge_places(begins));
         self.stop_by(finding)
     }
 
     /// Takes a state of the arm in.
     pub fn state(&mut self, state: &DriveStateMsg) -> Option<GuardianFinding> {
-        let joints = self.limits.joints.min(MAX_JOINTS);
-        let rests = state.qd.iter().take(joints).all(|qd| qd.abs() <= REST_SPEED);
+        let joints = &self.limits.joints;
+        let rests = state.qd.iter().take(joints.len()).all(|qd| qd.abs() <= REST_SPEED);
         self.resting = if rests { self.resting.saturating_add(1) } else { 0 };
         // A state that is no newer than the one before tells nothing.
         if self.newest.is_none_or(|newest| state.stamp != newest.stamp) {
@@ -280,14 +279,9 @@ impl Guardian {
         if span > LONGEST_SPAN || span < SpanNs::ZERO || !self.is_armed() {
             return None;
         }
-        let finding = (0..joints).find_map(|i| {
-            let way = (state.q[i] - from.q[i]).abs() - NOISE;
-            self.beyond(
-                i,
-                GuardedNumber::MeasuredSpeed,
-                way / span.as_s(),
-                TOO_FAST * self.limits.velocity[i],
-            )
+        let finding = (0..joints.len()).find_map(|i| {
+            let speed = without_noise(state.q[i] - from.q[i], NOISE) / span.as_s();
+            beyond(i, GuardedNumber::MeasuredSpeed, speed, TOO_FAST * joints[i].velocity)
         });
         self.stop_by(finding)
     }
@@ -299,15 +293,15 @@ impl Guardian {
             return None;
         }
         let passed = passed.0.clamp(0, LONGEST_LOOK.0);
-        let (silence, blind) = (SpanNs(self.silence.0 + passed), SpanNs(self.blind.0 + passed));
-        (self.silence, self.blind) = (silence, blind);
-        if blind >= self.limits.states && self.moves() {
-            return self.stop_by(Some(GuardianFinding::Blind { silence: blind }));
+        self.silence.0 += passed;
+        self.blind.0 += passed;
+        if self.blind >= self.limits.states && self.moves() {
+            return self.stop_by(Some(GuardianFinding::Blind { silence: self.blind }));
         }
-        if silence < ASK_AFTER {
+        if self.silence < ASK_AFTER {
             return None;
         }
-        let life = life();
+        let (silence, life) = (self.silence, life());
         let is_over = silence >= self.limits.silence || life != ControlLife::Runs;
         self.stop_by(is_over.then_some(GuardianFinding::Silent { silence, life }))
     }
@@ -349,7 +343,7 @@ impl Guardian {
 
     /// Whether the last command moves the arm.
     fn moves(&self) -> bool {
-        self.last.qd_r.iter().take(self.limits.joints).any(|qd| qd.abs() > MOVES)
+        self.last.qd_r.iter().take(self.limits.joints.len()).any(|qd| qd.abs() > MOVES)
     }
 
     /// Whether the arm moves beyond a plane. One that begins there may come back, and one that rests there is not stopped: it was put there by somebody else.
@@ -370,64 +364,52 @@ impl Guardian {
         (self.outside >= BEYOND_COMMANDS).then_some(found)
     }
 
-    fn judge(&self, now: &DriveCommandMsg, before: Option<&DriveCommandMsg>) -> Option<GuardianFinding> {
-        /// Numbers of the command modes, as every drive's program has them.
-        const TORQUE: u32 = 0;
-        const VELOCITY: u32 = 1;
-        const POSITION: u32 = 2;
-        let (joints, mode) = (now.joints, now.mode);
-        let is_other = before.is_some_and(|before| before.mode != mode);
-        if joints as usize != self.limits.joints || mode > POSITION || is_other {
+    /// Judges the last command by itself and as a step from the one `before`.
+    fn judge(&self, before: &DriveCommandMsg) -> Option<GuardianFinding> {
+        let DriveCommandMsg { joints, mode, .. } = self.last;
+        if joints as usize != self.limits.joints.len() || mode > POSITION || mode != before.mode {
             return Some(GuardianFinding::Malformed { joints, mode });
         }
-        let of = |i: usize| {
-            let (q, qd, tau) = (now.q_r[i], now.qd_r[i], now.tau[i]);
-            if ![q, qd, tau].iter().all(|x| x.is_finite()) {
-                return Some(GuardianFinding::NotFinite { joint: i });
-            }
-            let limits = &self.limits;
-            let found = self.beyond(i, GuardedNumber::Velocity, qd, limits.velocity[i]).or_else(|| {
-                let effort = if mode == TORQUE { tau } else { 0.0 };
-                self.beyond(i, GuardedNumber::Effort, effort, limits.effort[i])
-            });
-            let Some(before) = before else { return found };
-            let dt = now.tick.saturating_sub(before.tick).max(1) as f64 * TICK.as_s();
-            // What is commanded may lie outside only where the arm has started there, and then goes inward.
-            let (end, out) = if q > limits.upper[i] {
-                (limits.upper[i], q - before.q_r[i])
-            } else if q < limits.lower[i] {
-                (limits.lower[i], before.q_r[i] - q)
-            } else {
-                (q, 0.0)
-            };
-            let is_out = out > 0.0 && (q - end).abs() > ROUNDING;
-            let leaves =
-                GuardianFinding::Beyond { joint: i, what: GuardedNumber::Position, value: q, limit: end };
-            let acceleration = || {
-                let step = rounded(qd - before.qd_r[i]) / dt;
-                self.beyond(i, GuardedNumber::Acceleration, step, limits.acceleration[i])
-            };
-            // A drive that obeys velocities alone is told positions for information: they are those of the measured arm now and then.
-            let step = || {
-                let step = if mode == VELOCITY { 0.0 } else { rounded(q - before.q_r[i]) / dt };
-                self.beyond(i, GuardedNumber::Step, step, limits.velocity[i])
-            };
-            found.or_else(|| is_out.then_some(leaves)).or_else(acceleration).or_else(step)
-        };
-        (0..self.limits.joints.min(MAX_JOINTS)).find_map(of)
+        (0..self.limits.joints.len()).find_map(|i| self.judge_joint(i, before))
     }
 
-    /// The finding that `value` of joint `i` is beyond `limit`, where it is.
-    fn beyond(&self, i: usize, what: GuardedNumber, value: f64, limit: f64) -> Option<GuardianFinding> {
-        // Written so that a limit or a number that is none is beyond.
-        let is_within = value.abs() <= limit * (1.0 + TOLERANCE) + ROUNDING;
-        (!is_within).then_some(GuardianFinding::Beyond { joint: i, what, value, limit })
+    fn judge_joint(&self, i: usize, before: &DriveCommandMsg) -> Option<GuardianFinding> {
+        let (now, limits) = (&self.last, &self.limits.joints[i]);
+        let (q, qd, tau) = (now.q_r[i], now.qd_r[i], now.tau[i]);
+        if !(q.is_finite() && qd.is_finite() && tau.is_finite()) {
+            return Some(GuardianFinding::NotFinite { joint: i });
+        }
+        let (way, dt) = (q - before.q_r[i], now.tick.saturating_sub(before.tick).max(1) as f64 * TICK.as_s());
+        // What is commanded may lie outside only where the arm has started there, and then goes inward.
+        let end = q.max(limits.lower).min(limits.upper);
+        if (q - end).abs() > ROUNDING && way * (q - end) > 0.0 {
+            let what = GuardedNumber::Position;
+            return Some(GuardianFinding::Beyond { joint: i, what, value: q, limit: end });
+        }
+        let effort = if now.mode == TORQUE { tau } else { 0.0 };
+        // A drive that obeys velocities alone is told positions for information: they are those of the measured arm now and then.
+        let way = if now.mode == VELOCITY { 0.0 } else { way };
+        let step = |difference: f64| without_noise(difference, ROUNDING) / dt;
+        let numbers = [
+            (GuardedNumber::Velocity, qd, limits.velocity),
+            (GuardedNumber::Effort, effort, limits.effort),
+            (GuardedNumber::Acceleration, step(qd - before.qd_r[i]), limits.acceleration),
+            (GuardedNumber::Step, step(way), limits.velocity),
+        ];
+        numbers.into_iter().find_map(|(what, value, limit)| beyond(i, what, value, limit))
     }
 }
 
-/// A difference of two commanded numbers, less what may be rounding.
-fn rounded(difference: f64) -> f64 {
-    difference.signum() * (difference.abs() - ROUNDING).max(0.0)
+/// The finding that `value` of joint `i` is beyond `limit`, where it is.
+fn beyond(i: usize, what: GuardedNumber, value: f64, limit: f64) -> Option<GuardianFinding> {
+    // Written so that a limit or a number that is none is beyond.
+    let is_within = value.abs() <= limit * (1.0 + TOLERANCE) + ROUNDING;
+    (!is_within).then_some(GuardianFinding::Beyond { joint: i, what, value, limit })
+}
+
+/// A difference of two numbers, less what may be noise, or rounding.
+fn without_noise(difference: f64, noise: f64) -> f64 {
+    difference.signum() * (difference.abs() - noise).max(0.0)
 }
 
 #[cfg(test)]

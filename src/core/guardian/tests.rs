@@ -3,21 +3,14 @@ use super::*;
 const MS: i64 = 1_000_000;
 
 fn limits() -> GuardedLimits {
-    let all = |x: f64| [x; MAX_JOINTS];
+    let joint = GuardedJoint { lower: -2.0, upper: 2.0, velocity: 1.5, acceleration: 10.0, effort: 50.0 };
     GuardedLimits {
-        joints: 2,
-        lower: all(-2.0),
-        upper: all(2.0),
-        velocity: all(1.5),
-        acceleration: all(10.0),
-        effort: all(50.0),
+        joints: vec![joint; 2],
         silence: SpanNs(100 * MS),
         states: SpanNs(400 * MS),
         space: GuardedSpace::default(),
     }
 }
-
-const POSITION: u32 = 2;
 
 fn command(tick: u64, q: f64, qd: f64) -> DriveCommandMsg {
     let mut m = DriveCommandMsg { tick, joints: 2, mode: POSITION, ..DriveCommandMsg::default() };
@@ -95,6 +88,33 @@ fn each_wrong_number_is_found_by_its_name() {
         None,
         "an arm that started outside goes inward"
     );
+    assert_eq!(after(command(7, 2.1, 0.0), |_| {}), None, "or stands there");
+}
+
+/// A range on one side of zero has an inside and an outside as any.
+#[test]
+fn a_range_beside_zero_is_left_outwards_alone() {
+    for (q, way, is_out) in
+        [(1.0, -4e-4, true), (1.0, 4e-4, false), (0.9, -4e-4, true), (0.9, 4e-4, false), (2.0, 4e-4, true)]
+    {
+        let mut limits = limits();
+        limits.joints[0].lower = 1.0;
+        let mut guardian = Guardian::new(limits);
+        assert_eq!(guardian.command(&command(7, q, 0.0)), None);
+        let found = beyond(guardian.command(&command(8, q + way, 0.0)));
+        assert_eq!(found, is_out.then_some((0, GuardedNumber::Position)), "{q} {way}");
+    }
+}
+
+/// What `docs/safety.md` says of it: 5 % and 1e-4 more than the limit pass, and no more.
+#[test]
+fn a_number_may_be_a_little_beyond_its_limit() {
+    for (qd, passes) in [(1.575 + 0.9e-4, true), (1.575 + 1.1e-4, false)] {
+        for side in [1.0, -1.0] {
+            let found = Guardian::new(limits()).command(&command(7, 0.0, side * qd));
+            assert_eq!(beyond(found).is_none(), passes, "{side} {qd}");
+        }
+    }
 }
 
 /// What rounding makes of the end of a range is no way out of it.
@@ -106,6 +126,18 @@ fn a_position_at_the_end_of_its_range_may_be_rounded() {
             beyond(after(command(7, 2.0 * side, 0.0), |c| c.q_r[0] += side * 5e-4)),
             Some((0, GuardedNumber::Position))
         );
+    }
+}
+
+/// A range that ends at zero, where the difference of two numbers is exact: 1e-4 beyond it is rounding, and more is not.
+#[test]
+fn rounding_ends_at_what_is_told_of_it() {
+    for (q, is_out) in [(1e-4, false), (1.01e-4, true)] {
+        let mut limits = limits();
+        limits.joints[0].upper = 0.0;
+        let mut guardian = Guardian::new(limits);
+        assert_eq!(guardian.command(&command(7, 0.0, 0.0)), None);
+        assert_eq!(guardian.command(&command(8, q, 0.0)).is_some(), is_out, "{q}");
     }
 }
 
@@ -121,6 +153,23 @@ fn states_of_a_clock_that_is_set_back_tell_no_speed() {
         Some((0, GuardedNumber::MeasuredSpeed)),
         "judged anew from there"
     );
+}
+
+/// Where states were missing for longer than three spans nobody knows how fast the arm was; up to there its mean speed counts. Before the first command none does.
+#[test]
+fn states_behind_a_gap_tell_no_speed() {
+    let speed_after = |gap_ms: i64, is_armed: bool| {
+        let mut guardian = Guardian::new(limits());
+        if is_armed {
+            assert_eq!(guardian.command(&command(7, 0.0, 0.0)), None);
+        }
+        assert_eq!(guardian.state(&state(1000, 0.0, 0.0)), None);
+        beyond(guardian.state(&state(1000 + gap_ms, 1.0, 0.0))).is_some()
+    };
+    for (gap_ms, tells) in [(39, false), (40, true), (120, true), (121, false), (200, false)] {
+        assert_eq!(speed_after(gap_ms, true), tells, "{gap_ms}");
+        assert!(!speed_after(gap_ms, false));
+    }
 }
 
 #[test]
@@ -209,17 +258,23 @@ fn a_stop_stands_until_it_is_reset() {
 
 #[test]
 fn a_measured_arm_that_is_too_fast_is_stopped_and_noise_is_not() {
-    let run = |speed: f64, noise: f64| {
-        let mut guardian = Guardian::new(limits());
+    let run = |speed: f64, noise: f64, limit: f64| {
+        let mut limits = limits();
+        limits.joints[0].velocity = limit;
+        let mut guardian = Guardian::new(limits);
         assert_eq!(guardian.command(&command(0, 0.0, 0.0)), None);
         (0..300).find_map(|ms| {
             let q = speed * ms as f64 * 1e-3 + if ms % 2 == 0 { noise } else { -noise };
             guardian.state(&state(ms, q, speed)).map(|finding| (ms, finding))
         })
     };
-    assert_eq!(run(2.2, 2e-3), None);
-    let (ms, finding) = run(3.0, 0.0).unwrap();
-    assert_eq!((ms, beyond(Some(finding))), (40, Some((0, GuardedNumber::MeasuredSpeed))));
+    assert_eq!(run(2.2, 2e-3, 1.5), None);
+    // What is noise is no speed of a slow joint either.
+    assert_eq!(run(0.0, 2e-3, 0.05), None);
+    for (speed, limit) in [(3.0, 1.5), (-3.0, 1.5), (0.4, 0.05)] {
+        let (ms, finding) = run(speed, 0.0, limit).unwrap();
+        assert_eq!((ms, beyond(Some(finding))), (40, Some((0, GuardedNumber::MeasuredSpeed))));
+    }
 }
 
 #[test]
@@ -280,6 +335,38 @@ fn an_arm_that_moves_beyond_a_plane_is_stopped() {
     );
 }
 
+/// A sphere without radius that slides along x, and must stay below zero: places are exact.
+fn with_a_point_at_a_wall() -> GuardedLimits {
+    let mut limits = with_a_wall();
+    limits.space.spheres[0] = GuardedSphere { center: [0.0; 3], joints: 2, radius_m: 0.0 };
+    limits.space.sides[0].offset_m = 0.0;
+    limits
+}
+
+#[test]
+fn five_millimetres_beyond_a_plane_are_none() {
+    // Where the motion begins, how far it is then, and whether that is too far.
+    for (begins, x, is_outside) in [
+        (0.0, 5e-3, false),
+        (0.0, 5.01e-3, true),
+        (5e-3, 6e-3, true),
+        (5.01e-3, 6e-3, false),
+        (5.01e-3, 10e-3, false),
+        (5.01e-3, 10.02e-3, true),
+    ] {
+        let mut guardian = Guardian::new(with_a_point_at_a_wall());
+        assert_eq!(guardian.command(&slid(0, begins, 0.0)), None);
+        // It takes ten ticks, so that no step is too long.
+        let found = (1..60).find_map(|k| guardian.command(&slid(10 * k, x, 0.01)));
+        assert_eq!(found.is_some(), is_outside, "{begins} {x} {found:?}");
+        assert!(found.is_none_or(|found| matches!(found, GuardianFinding::Outside { .. })), "{found:?}");
+    }
+    // A tenth of the speed of a rest is none: an arm that is pushed there is not stopped.
+    let mut guardian = Guardian::new(with_a_point_at_a_wall());
+    assert_eq!(guardian.command(&slid(0, 0.0, 0.0)), None);
+    assert!((1..60).all(|k| guardian.command(&slid(10 * k, 8e-3, 1e-3)).is_none()));
+}
+
 #[test]
 fn an_arm_beyond_a_plane_may_rest_and_come_back() {
     let mut guardian = Guardian::new(with_a_wall());
@@ -316,6 +403,10 @@ fn control_that_moves_an_arm_that_tells_nothing_is_stopped() {
         };
         assert!(speed > 0.0 && (895..905).contains(&k), "{k}");
         assert!(matches!(finding, GuardianFinding::Blind { .. }));
+        assert!(
+            finding.describe(&[]).ends_with("no state has come from the drive for 400.0 ms"),
+            "{finding:?}"
+        );
     }
 }
 

@@ -37,6 +37,8 @@ pub(super) struct HangWatch {
     next_look: MonoNs,
     heartbeats: Vec<Heart>,
     ticks: Sign,
+    /// Whether control has measured a frame: all who see for it have come round, whatever their heartbeats have told yet.
+    measures: bool,
 }
 
 /// The heartbeats of a process.
@@ -79,7 +81,8 @@ impl HangWatch {
     pub(super) fn new(instance: &Instance, clock: Clock, seeing: Vec<Role>, now: MonoNs) -> Self {
         let roles = std::iter::once(Role::Control).chain(seeing);
         let heartbeats = roles.map(|role| Heart::of(role, instance, now)).collect();
-        Self { instance: instance.clone(), clock, next_look: now, heartbeats, ticks: Sign::new(now) }
+        let ticks = Sign::new(now);
+        Self { instance: instance.clone(), clock, next_look: now, heartbeats, ticks, measures: false }
     }
 
     /// The process of `role` is about to be started anew.
@@ -106,6 +109,7 @@ impl HangWatch {
     /// Control said where the run stands.
     pub(super) fn note(&mut self, status: &Status, now: MonoNs) {
         self.ticks.seen(status.tick as i64, now);
+        self.measures |= status.frames > 0;
     }
 
     /// Whether control has ticked at all.
@@ -128,7 +132,7 @@ impl HangWatch {
             heart.listen(&self.instance, now);
             let can_be_mended = heart.role != Role::Control && self.clock == Clock::Realtime;
             let then = "it is started anew";
-            let patience = if !can_be_mended || !heart.works() {
+            let patience = if !can_be_mended || !(heart.works() || self.measures) {
                 ENDS_THE_RUN
             } else if is_suspended(heart.role) {
                 Patience { silence: SUSPENDED_FOR, then }
@@ -241,6 +245,31 @@ mod tests {
         watch.begin_anew(role, crate::rt::now());
         assert_eq!(look(&mut watch), 0);
         assert!(!watch.ended(role, crate::rt::now()), "it died before it joined");
+        drop(lock);
+        instance.remove_leftovers(None);
+    }
+
+    /// Nobody waits for six seconds because a camera was suspended as soon as its first frame was measured.
+    #[test]
+    fn what_has_measured_is_mended_before_its_second_heartbeat() {
+        let instance: Instance = format!("u-early-{}", std::process::id()).parse().unwrap();
+        let role = Role::Camera(CameraId::FIRST);
+        let lock = instance.lock(role).unwrap();
+        for (frames, is_suspended, silent_ms) in [(0, true, 6_000), (1, true, 400), (1, false, 3_000)] {
+            let mut time = crate::rt::now();
+            let mut watch = HangWatch::new(&instance, Clock::Realtime, vec![role], time);
+            let _ = lock.heartbeat().unwrap();
+            let hangs = (0..100).find_map(|tick| {
+                time = time + PERIOD;
+                watch.note(&Status { tick, frames, ..Status::default() }, time);
+                watch.look(time, |_| is_suspended)
+            });
+            let ((who, silent), after) = (hangs.unwrap(), SpanNs(silent_ms * 1_000_000));
+            assert!(
+                who == role && silent > after && silent <= SpanNs(after.0 + 2 * PERIOD.0),
+                "{frames} {silent:?}"
+            );
+        }
         drop(lock);
         instance.remove_leftovers(None);
     }

@@ -166,28 +166,49 @@ mod tests {
         JointMotion { q, v, a }
     }
 
+    /// The way to rest, walked in small steps whose positions are summed by the trapezoidal rule: it holds the limits on acceleration and jerk, ends, and goes as far
+    /// as `extent` says.
+    fn walked(from: JointMotion) -> Result<(), TestCaseError> {
+        let b = bound((-9.0, 9.0));
+        let dt = 1e-5;
+        let (mut at, mut sum) = (from, from.q);
+        let (mut low, mut high, mut steps) = (from.q, from.q, 0);
+        while at.v != 0.0 || at.a != 0.0 {
+            let next = b.stopping(at, dt);
+            prop_assert!(next.a.abs() <= b.a.max(from.a.abs()) + 1e-9, "{next:?}");
+            let rests = next.v == 0.0 && next.a == 0.0;
+            prop_assert!((next.a - at.a).abs() <= b.j * dt * (1.0 + 1e-6) || rests, "{at:?} {next:?}");
+            sum += 0.5 * dt * (at.v + next.v);
+            (at, low, high) = (next, low.min(sum), high.max(sum));
+            steps += 1;
+            prop_assert!(steps < 100_000, "no end");
+        }
+        let told = b.extent(from);
+        prop_assert!((told.0 - low).abs() < 1e-6 && (told.1 - high).abs() < 1e-6, "{told:?} {low} {high}");
+        prop_assert!((at.q - sum).abs() < 1e-6);
+        // One step is as many small ones.
+        for ticks in [20_u32, 100, 300] {
+            let once = b.stopping(from, f64::from(ticks) * DT);
+            let many = (0..ticks).fold(from, |at, _| b.stopping(at, DT));
+            prop_assert!(
+                (once.q - many.q).abs() < 1e-8 && (once.v - many.v).abs() < 1e-8,
+                "{once:?} {many:?}"
+            );
+        }
+        Ok(())
+    }
+
     proptest! {
-        /// The way to rest, walked in small steps whose positions are summed by the trapezoidal rule: it holds the limits on acceleration and jerk, ends, and goes as far
-        /// as `extent` says.
         #[test]
         fn the_way_to_rest_is_that_of_its_limits(q in -1.0..1.0f64, v in -2.0..2.0f64, a in -10.0..10.0f64) {
-            let b = bound((-9.0, 9.0));
-            let dt = 1e-5;
-            let (mut at, mut sum) = (motion(q, v, a), q);
-            let (mut low, mut high, mut steps) = (q, q, 0);
-            while at.v != 0.0 || at.a != 0.0 {
-                let next = b.stopping(at, dt);
-                prop_assert!(next.a.abs() <= b.a.max(a.abs()) + 1e-9, "{next:?}");
-                let rests = next.v == 0.0 && next.a == 0.0;
-                prop_assert!((next.a - at.a).abs() <= b.j * dt * (1.0 + 1e-6) || rests, "{at:?} {next:?}");
-                sum += 0.5 * dt * (at.v + next.v);
-                (at, low, high) = (next, low.min(sum), high.max(sum));
-                steps += 1;
-                prop_assert!(steps < 100_000, "no end");
-            }
-            let told = b.extent(motion(q, v, a));
-            prop_assert!((told.0 - low).abs() < 1e-6 && (told.1 - high).abs() < 1e-6, "{told:?} {low} {high}");
-            prop_assert!((at.q - sum).abs() < 1e-6);
+            walked(motion(q, v, a))?;
+        }
+
+        /// One that still moves against its acceleration, and turns before it rests.
+        #[test]
+        fn the_way_to_rest_of_a_joint_that_turns(q in -1.0..1.0f64, share in 0.1..1.0f64, a in 2.0..10.0f64, side in prop_oneof![Just(1.0), Just(-1.0)]) {
+            let v = -share * a * a / (2.0 * 500.0);
+            walked(motion(q, side * v, side * a))?;
         }
 
         /// From the edge of what is admitted the joint stops within its range: walked in small steps, on which its speed is looked at too.
@@ -242,6 +263,12 @@ mod tests {
                 ));
             }
         }
+        // Rounding is a millionth of an acceleration, and of how it may change in a tick.
+        let leaps = |off: f64| {
+            let (now, a) = (motion(0.3, 0.2, 1.0), 1.5 + off);
+            b.admits(now, JointMotion { a, ..now.after(b.j, DT) }, DT)
+        };
+        assert!(leaps(1.4e-6) && !leaps(1.6e-6));
         let fast = motion(0.0, 0.0, 10.0);
         assert!(!b.admits(fast, fast.after(1.0, DT), DT), "beyond the largest acceleration");
     }

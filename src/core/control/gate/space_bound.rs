@@ -206,8 +206,20 @@ mod tests {
             assert_eq!(bound.watch(&q, &q, true), None);
         }
         assert!(!bound.begin(&at(0.05)));
+        // As it begins to move it may waver, by 2 mm.
+        let wavers = at(0.051);
+        assert!((0..50).all(|_| bound.watch(&wavers, &wavers, true).is_none()));
         let farther = at(0.06);
         assert!((0..5).any(|_| bound.watch(&farther, &farther, true) == Some(Fault::LeavesWorkspace)));
+    }
+
+    #[test]
+    fn where_nothing_is_limited_nothing_is_beyond() {
+        let (bound, q, _) = bound(f64::INFINITY);
+        let settings = WorkspaceSettings { sides: Vec::new(), ..bound.settings };
+        let mut bound = SpaceBound::new(bound.robot, &settings);
+        assert!(bound.begin(&q));
+        assert!((0..50).all(|_| bound.watch(&q, &q, true).is_none()));
     }
 
     #[test]

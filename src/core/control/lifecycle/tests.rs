@@ -151,3 +151,39 @@ fn codes_come_back() {
     }
     assert_eq!((Request::from_code(0), Refusal::from_code(0)), (None, None));
 }
+
+/// Programs read these words, and people those of the log: each is the name of what it tells.
+#[test]
+fn requests_and_states_are_told_by_their_names() {
+    for request in Request::ALL {
+        assert_eq!(request.as_str(), format!("{request:?}").to_lowercase());
+    }
+    for state in State::ALL {
+        let is_fault = [State::Failing, State::Fault, State::Clearing].contains(&state);
+        let name = if is_fault { "Fault".into() } else { format!("{state:?}") };
+        assert_eq!(format!("{:?}", state.told()), name);
+    }
+}
+
+/// Whoever is refused is told why: no reason has the words of another.
+#[test]
+fn each_refusal_has_words_of_its_own() {
+    let words: HashSet<_> = Refusal::ALL.into_iter().map(Refusal::describe).collect();
+    assert!(words.len() == Refusal::ALL.len() && words.iter().all(|words| words.contains(' ')));
+}
+
+/// Where the arm is sent it counts as moving: its rest, a contact and the limits in space are judged by that.
+#[test]
+fn what_was_asked_to_move_moves() {
+    let ways = [
+        (State::Waiting, Cue::InView),
+        (State::Holding, Cue::WayBack),
+        (State::Idle, Cue::Request(Request::Goto)),
+        (State::Held, Cue::Request(Request::Jog)),
+        (State::Servoing, Cue::Request(Request::Velocity)),
+    ];
+    for (from, cue) in ways {
+        let Step::To(next) = from.next(cue) else { panic!("{from:?} {cue:?}") };
+        assert!(next.moves(), "{next:?}");
+    }
+}

@@ -107,6 +107,18 @@ mod tests {
         assert_eq!(w.check(MonoNs(1_051)), Freshness::Fresh);
     }
 
+    /// What was good of one target is not of another; that measurements come is true of both.
+    #[test]
+    fn another_target_was_not_seen_yet() {
+        let mut w = MeasurementWatch::new(SpanNs(100), 0.75);
+        assert_eq!(w.timeout(), SpanNs(100));
+        w.came(MonoNs(1_000));
+        w.good(MonoNs(1_000));
+        w.forget();
+        assert_eq!((w.check(MonoNs(1_000)), w.confidence(MonoNs(1_000))), (Freshness::Never, 0.0));
+        assert!(w.sees(MonoNs(1_000)));
+    }
+
     #[test]
     fn trust_fades_ahead_of_the_timeout() {
         let mut w = MeasurementWatch::new(SpanNs(100), 0.75);

@@ -317,6 +317,20 @@ mod tests {
         assert_eq!(Fault::from_code(0), None);
     }
 
+    /// Each reason is told in words of its own; a robot's are those that its states make, and only what makes joints unknown blinds.
+    #[test]
+    fn faults_are_told_apart() {
+        let faults = Fault::CODES.map(|(fault, _)| fault);
+        let words: HashSet<_> = faults.iter().map(|fault| fault.describe()).collect();
+        assert!(words.len() == faults.len() && words.iter().all(|words| words.contains(' ')));
+        for fault in faults {
+            let makes = |state: &RobotState| Fault::of_robot(*state) == Some(fault);
+            assert_eq!(fault.is_of_robot(), RobotState::ALL.iter().any(makes), "{fault:?}");
+        }
+        assert!(Fault::DriveStateNotFinite.blinds() && Fault::DriveStateImplausible.blinds());
+        assert!(!Fault::TooFast.blinds() && !Fault::StopLatched.blinds());
+    }
+
     #[test]
     fn a_robot_that_obeys_has_no_fault_and_every_other_has_one() {
         for state in RobotState::ALL {

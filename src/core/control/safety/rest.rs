@@ -187,6 +187,38 @@ mod tests {
         }
     }
 
+    /// Second differences of readings that alternate by `2 x` are all `4 x`.
+    #[test]
+    fn noise_is_told_from_second_differences() {
+        let mut watch = RestWatch::default();
+        (0..WINDOW).for_each(|k| watch.note(&state(if k.is_multiple_of(2) { 1e-3 } else { -1e-3 }, 0.0)));
+        let sd = watch.noise_sd();
+        assert!((sd[0] - 1e-3 * (16.0_f64 / 6.0).sqrt()).abs() < 1e-12 && sd[1] == 0.0, "{sd}");
+    }
+
+    /// An arm that begins to move at the end of the window: its last four velocities count by themselves.
+    #[test]
+    fn an_arm_that_begins_to_move_is_not_at_rest() {
+        for (speed, at_rest) in [(0.009, true), (0.011, false), (-0.011, false)] {
+            let late = |k: usize| state(0.1, if k < 3 * WINDOW - LAST { 0.0 } else { speed });
+            assert_eq!(rests((0..3 * WINDOW).map(late)), at_rest, "{speed}");
+        }
+        let just_before = |k: usize| state(0.1, if k == 3 * WINDOW - LAST - 1 { 0.1 } else { 0.0 });
+        assert!(rests((0..3 * WINDOW).map(just_before)), "the one before them does not");
+    }
+
+    /// Noise allows as much more as it makes of means: of 33 positions little, and nothing beyond.
+    #[test]
+    fn noise_excuses_what_it_explains_and_no_more() {
+        let noisy = |sd: f64, drift: f64, qd: f64| {
+            let mut random = Random::new(11);
+            rests((0..4 * WINDOW).map(|k| state(drift * 1e-3 * k as f64 + sd * random.gaussian(), qd)))
+        };
+        assert!(!noisy(2e-4, 0.019, 0.0), "a drift of 1.3 mm between means of 0.05 mm");
+        // Positions that are off by 0.1 mm make a mean velocity of 6 mm/s over the window, at six standard deviations.
+        assert!(noisy(1e-4, 0.0, 0.023) && !noisy(1e-4, 0.0, 0.03));
+    }
+
     #[test]
     fn an_arm_that_swings_or_reports_a_velocity_is_not_at_rest() {
         assert!(!rests((0..2100).map(|k| state(0.01 * (30.0 * f64::from(k) * 1e-3).sin(), 0.0))));

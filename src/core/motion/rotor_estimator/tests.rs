@@ -107,19 +107,21 @@ fn rotors_are_found_whatever_friction_and_delay_are() {
 /// Encoders whose steps hide more of an acceleration in ten ticks than these arms have.
 #[test]
 fn rotors_are_found_behind_coarse_encoders() {
-    let random = &mut Random::new(12);
+    let (random, mut found_ones) = (&mut Random::new(12), 0);
     for step in [2e-4, 5e-4, 1e-3] {
         for _ in 0..10 {
             let rotors = random.between(1.0, 3.0);
             let truth = TrueArm { rotors, friction: 1.0, masses: 1.0, delay: 1, step };
             let [_, _, believed, rotors, _] = found::<6>("ur5", random, &truth, 1.0);
-            // Those of the wrists are within what coarse encoders and efforts hide.
-            for i in 0..3 {
+            // Less than a hundredth of the effort at 1 rad/s^2 is within the noise of torques.
+            for i in (0..3).filter(|i| rotors[*i] > 0.01 * 150.0) {
+                found_ones += 1;
                 let share = believed[i] / rotors[i];
-                assert!((0.5..1.15).contains(&share), "{step}, joint {i}: {share} of the rotor");
+                assert!((0.5..1.15).contains(&share), "{step}, joint {i}: {share} of {}", rotors[i]);
             }
         }
     }
+    assert!(found_ones > 30, "{found_ones}");
 }
 
 #[test]
