@@ -203,7 +203,7 @@ mod tests {
 
     /// Where braking by the shares of the limits ends from the speed that is told, walked by its phases; a present acceleration is worked off on the way.
     #[test]
-    fn the_speed_towards_a_goal_is_that_from_which_braking_ends_there() {
+    fn the_speed_towards_a_goal_is_one_from_which_it_brakes() {
         let shared = Bounds { acceleration: SHARE * B.acceleration, jerk: SHARE * B.jerk, ..B };
         let (mut short, mut long) = (0, 0);
         for k in 1..60 {

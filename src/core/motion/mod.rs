@@ -15,7 +15,6 @@ mod joint_control;
 mod joint_observer;
 mod limits;
 mod motion_limits;
-mod motion_windows;
 mod payload_estimator;
 mod reference;
 mod residual_model;

@@ -1,6 +1,6 @@
 //! Estimates the payload of an arm that is not in its model, its mass and centre of mass, from the torques of the joints while it moves.
 //!
-//! The torques of a payload are linear in its mass `m` and its first moment `h` about the flange. Over [windows](super::motion_windows) of some ticks the mean torque
+//! The torques of a payload are linear in its mass `m` and its first moment `h` about the flange. Over windows of some ticks the mean torque
 //! that was applied, minus that of the model for the measured motion and minus friction, is
 //!
 //! ```text
@@ -15,11 +15,14 @@
 //!
 //! The payload's own moment of inertia is taken as zero: joints that carry it close to their axes do not show it beside their friction.
 
-use super::motion_windows::MeanMotion;
 use crate::linalg::Ldlt;
 use crate::robot::Robot;
+use crate::time::TICK;
 use nalgebra::{Matrix4, SMatrix, SVector, Vector3, Vector4};
 
+/// Ticks of a window, beside those until the next state of a slower drive. Chosen by hand: long enough that a command that acts some ticks late hardly changes its mean, short against the 0.1 s in which an
+/// arm begins to move.
+pub(super) const WINDOW: u32 = 10;
 /// Standard deviations of the prior: mass, kg, and first moment, kg m. Chosen by hand: arms that a person can stand beside are rated for up to 16 kg,
 /// and grippers of 2 kg have their centre of mass within 0.15 m of the flange. Half and double were not tried.
 const PRIOR_KG: f64 = 10.0;
@@ -75,6 +78,17 @@ const FADES: f64 = 0.15;
 /// Speed beyond which a joint has its whole Coulomb friction, rad/s or m/s. Derived: five times the width over which smooth models change its sign. At rest a joint that sticks may bear any part of it.
 pub(super) const MOVES: f64 = 5e-3;
 
+/// What the joints did in a tick.
+pub(super) struct JointTick<const N: usize> {
+    /// Positions and velocities at the end of the tick.
+    pub(super) q: SVector<f64, N>,
+    pub(super) qd: SVector<f64, N>,
+    /// Whether that is of a new state of the drive.
+    pub(super) is_new: bool,
+    /// Acceleration that coarse encoders do not distinguish from none in a window, as a torque, N m or N.
+    pub(super) noise: SVector<f64, N>,
+}
+
 /// The estimator of an arm with `N` joints.
 #[derive(Debug, Clone)]
 pub(super) struct PayloadEstimator<const N: usize> {
@@ -83,6 +97,10 @@ pub(super) struct PayloadEstimator<const N: usize> {
     told_rotors: SVector<f64, N>,
     loaded: Robot<N>,
     derivatives: [Robot<N>; 4],
+    /// State at the start of the present window, the sum of torques in it, and its ticks.
+    start: Option<(SVector<f64, N>, SVector<f64, N>)>,
+    tau: SVector<f64, N>,
+    ticks: u32,
     /// The last window, and how many columns of `Y` are there: one a tick, so that no tick has all the work.
     sample: Option<Sample<N>>,
     columns: usize,
@@ -133,6 +151,9 @@ impl<const N: usize> PayloadEstimator<N> {
             derivatives: bare.payload_derivatives(),
             told_rotors: bare.armature(),
             bare,
+            start: None,
+            tau: SVector::zeros(),
+            ticks: 0,
             sample: None,
             columns: 0,
             Y: SMatrix::zeros(),
@@ -208,6 +229,11 @@ impl<const N: usize> PayloadEstimator<N> {
         &self.doubt
     }
 
+    /// Whether a window has ended with the last tick.
+    pub(super) fn has_finished_window(&self) -> bool {
+        self.ticks == 0
+    }
+
     /// Whether the efforts of the arm hold it in `q` with the estimate. One that they do not hold is not taken: an arm that gives way to it comes to
     /// rest, and one that strains against it does not.
     pub(super) fn is_held_in(&mut self, q: &SVector<f64, N>) -> bool {
@@ -238,11 +264,25 @@ impl<const N: usize> PayloadEstimator<N> {
         (share.max(LEAST_SHARE), strength.max(0.0))
     }
 
-    /// Takes in the means of a window that has ended in this tick, with the `inertia` of each joint while the others are free, kg m^2 or kg; whether the payload is to be [taken](Self::adopt).
-    pub(super) fn note(&mut self, mean: Option<&MeanMotion<N>>, inertia: &SVector<f64, N>) -> bool {
-        if let Some(mean) = mean {
-            self.sample = Some(self.sample_of(mean, inertia));
+    /// Forgets the present window: what moved the arm in it is not known.
+    pub(super) fn skip(&mut self) {
+        (self.start, self.ticks) = (None, 0);
+        self.tau = SVector::zeros();
+    }
+
+    /// Takes in what the joints did in the tick in which the torques `tau` acted, N m or N; whether the payload is to be [taken](Self::adopt).
+    pub(super) fn note(&mut self, tau: &SVector<f64, N>, motion: &JointTick<N>) -> bool {
+        let Some((q, qd)) = self.start else {
+            self.start = motion.is_new.then_some((motion.q, motion.qd));
+            return false;
+        };
+        self.tau += tau;
+        self.ticks += 1;
+        if self.ticks >= WINDOW && motion.is_new {
+            self.sample = Some(self.sample_of((q, qd), motion));
             self.columns = 0;
+            self.skip();
+            self.start = Some((motion.q, motion.qd));
         }
         let Some(sample) = &self.sample else { return false };
         if let Some(derivative) = self.derivatives.get(self.columns) {
@@ -274,8 +314,10 @@ impl<const N: usize> PayloadEstimator<N> {
         change
     }
 
-    fn sample_of(&self, mean: &MeanMotion<N>, inertia: &SVector<f64, N>) -> Sample<N> {
-        let MeanMotion { q, qd, qdd, tau, moved, .. } = *mean;
+    fn sample_of(&self, start: (SVector<f64, N>, SVector<f64, N>), end: &JointTick<N>) -> Sample<N> {
+        let (q, qd) = ((start.0 + end.q) * 0.5, (start.1 + end.qd) * 0.5);
+        let ticks = f64::from(self.ticks);
+        let qdd = (end.qd - start.1) / (ticks * TICK.as_s());
         let friction = self.bare.friction_torque(&qd);
         let sd = SVector::from_fn(|i, _| {
             let effort = self.bare.limits()[i].effort;
@@ -284,10 +326,10 @@ impl<const N: usize> PayloadEstimator<N> {
             let told = self.told_rotors[i];
             let rotor = if told > 0.0 { TOLD_ROTOR * told } else { ROTOR * effort };
             let turns = rotor * qdd[i].abs();
-            let hidden = mean.hidden[i] * inertia[i];
-            (rubs * rubs + turns * turns + (EFFORT * effort).powi(2) + hidden * hidden).sqrt()
+            (rubs * rubs + turns * turns + (EFFORT * effort).powi(2) + end.noise[i].powi(2)).sqrt()
         });
-        Sample { q, qd, qdd, tau, friction, sd, moved }
+        let tau = self.tau / ticks;
+        Sample { q, qd, qdd, tau, friction, sd, moved: end.q - start.0 }
     }
 
     fn learn(&mut self, sample: &Sample<N>) {

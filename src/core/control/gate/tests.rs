@@ -251,7 +251,7 @@ fn a_drive_of_velocities_alone_goes_on_from_the_measured_arm() {
 
 /// Before a drive that obeys references these count, of whichever joint; torques are for information.
 #[test]
-fn a_reference_that_leaps_is_counted_and_a_fault_when_it_persists() {
+fn a_reference_that_leaps_is_a_fault_when_it_persists() {
     let zero = Vector2::zeros();
     for joint in 0..2 {
         let mut gate = gate(CommandMode::Position);

@@ -75,7 +75,7 @@ impl<const N: usize> JointController<N> {
 
     /// The last motion took another time than a tick: what payload and rotors were to be estimated from meanwhile is left out.
     pub fn skip_window(&mut self) {
-        self.windows.skip();
+        self.payload.iter_mut().for_each(|payload| payload.skip());
         self.rotors.iter_mut().for_each(|rotors| rotors.skip());
     }
 

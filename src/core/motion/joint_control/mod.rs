@@ -29,8 +29,7 @@ pub use torque::JointTorque;
 
 use super::ReferenceState;
 use super::joint_observer::{Commanded, JointObserver, ObserverSettings};
-use super::motion_windows::MotionWindows;
-use super::payload_estimator::PayloadEstimator;
+use super::payload_estimator::{JointTick, PayloadEstimator, WINDOW};
 use super::rotor_estimator::RotorEstimator;
 use crate::robot::Robot;
 use crate::servo::UnobservedMotion;
@@ -68,8 +67,6 @@ pub struct JointController<const N: usize> {
     energy: Option<f64>,
     /// Bounds the torque on joints that do not move.
     stall: StallGuard<N>,
-    /// The windows over which payload and rotors are estimated.
-    windows: MotionWindows<N>,
     /// Estimates what the arm carries beyond its model.
     payload: Option<Box<PayloadEstimator<N>>>,
     /// Estimates the inertia of rotors beyond its model.
@@ -112,7 +109,6 @@ impl<const N: usize> JointController<N> {
             braked_at: None,
             energy: None,
             stall: StallGuard::default(),
-            windows: MotionWindows::default(),
             payload: None,
             rotors: None,
             rotor_change: None,
@@ -180,51 +176,49 @@ impl<const N: usize> JointController<N> {
         let robot = self.payload.as_deref().map_or(robot, PayloadEstimator::robot);
         let (q_measured, is_new) = (Some(q), !std::mem::take(&mut self.hears_old));
         let (q, qd) = self.observer.observe(robot, q, qd);
-        let acts = self.applied.take().filter(|_| !self.soft);
-        let mean = match acts {
-            Some(tau) if self.payload.is_some() => {
-                self.windows.note(&tau, q_measured.filter(|_| is_new), self.observer.encoder_step())
-            }
-            _ => {
-                self.windows.skip();
-                None
-            }
-        };
         if let (Some(payload), Some(rotors)) = (&mut self.payload, &mut self.rotors) {
-            if acts.is_some() && !self.is_overloaded {
-                let model = (payload.robot(), payload.derivatives());
-                if rotors.note(model, mean.as_ref(), self.observer.inertia()) {
-                    let first = rotors.believed().amax() == 0.0;
-                    let change = rotors.adopt();
-                    self.observer.change_rotors(&q, payload, &change, first);
-                    self.is_laden = true;
+            match self.applied.filter(|_| !self.soft && !self.is_overloaded) {
+                Some(tau) => {
+                    let scale = (self.observer.inertia(), self.observer.encoder_step());
+                    let model = (payload.robot(), payload.derivatives());
+                    if rotors.note(model, &tau, q_measured.filter(|_| is_new), scale) {
+                        let first = rotors.believed().amax() == 0.0;
+                        let change = rotors.adopt();
+                        self.observer.change_rotors(&q, payload, &change, first);
+                        self.is_laden = true;
+                        *self.rotor_change.get_or_insert(SVector::zeros()) += change;
+                    }
+                }
+                None if (self.soft || self.is_overloaded) && rotors.believed().amax() > 0.0 => {
+                    // What made the arm thrash, or an overload that is not in the model, may have been taken for rotors.
+                    let change = -rotors.forget(payload.robot(), self.observer.inertia());
+                    self.observer.change_rotors(&q, payload, &change, false);
                     *self.rotor_change.get_or_insert(SVector::zeros()) += change;
                 }
-            } else if (self.soft || self.is_overloaded) && rotors.believed().amax() > 0.0 {
-                // What made the arm thrash, or an overload that is not in the model, may have been taken for rotors.
-                let change = -rotors.forget(payload.robot(), self.observer.inertia());
-                self.observer.change_rotors(&q, payload, &change, false);
-                *self.rotor_change.get_or_insert(SVector::zeros()) += change;
-            } else {
-                rotors.skip();
+                None => rotors.skip(),
             }
         }
-        if let Some(payload) = &mut self.payload
-            && acts.is_some()
-        {
-            let is_found = payload.note(mean.as_ref(), self.observer.inertia());
-            if is_found {
-                self.is_overloaded = !payload.is_held_in(&q);
-            }
-            if is_found && !self.is_overloaded {
-                let before = payload.robot().gravity(&q);
-                let more = self.observer.change_model(&q, payload);
-                self.rotors.iter_mut().for_each(|rotors| rotors.payload_changed(&more));
-                self.model_change = Some(payload.robot().gravity(&q) - before);
-                self.is_laden = true;
-            }
-            if self.is_laden && mean.is_some() {
-                (self.acceleration_share, self.strength) = payload.shares_of_effort(&q, &self.acceleration);
+        if let Some(payload) = &mut self.payload {
+            let motion = JointTick { q, qd, is_new, noise: self.observer.hidden_torque(WINDOW) };
+            match self.applied.take() {
+                Some(tau) if !self.soft => {
+                    let is_found = payload.note(&tau, &motion);
+                    if is_found {
+                        self.is_overloaded = !payload.is_held_in(&q);
+                    }
+                    if is_found && !self.is_overloaded {
+                        let before = payload.robot().gravity(&q);
+                        let more = self.observer.change_model(&q, payload);
+                        self.rotors.iter_mut().for_each(|rotors| rotors.payload_changed(&more));
+                        self.model_change = Some(payload.robot().gravity(&q) - before);
+                        self.is_laden = true;
+                    }
+                    if self.is_laden && payload.has_finished_window() {
+                        (self.acceleration_share, self.strength) =
+                            payload.shares_of_effort(&q, &self.acceleration);
+                    }
+                }
+                _ => payload.skip(),
             }
         }
         (q, qd)

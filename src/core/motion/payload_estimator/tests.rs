@@ -3,7 +3,6 @@
 
 use super::*;
 use crate::linalg::Random;
-use crate::motion::motion_windows::MotionWindows;
 use crate::robot::load;
 
 /// A motion: sums of two sines in each joint, with its derivatives.
@@ -100,14 +99,18 @@ fn found_behind<const N: usize>(
     let description = load(name).unwrap().scaled(mass_scale, friction);
     let truth = description.build::<N>().unwrap().with_payload(mass, &com_E);
     let q0 = posture(random);
-    let (mut estimator, mut windows) = (PayloadEstimator::new(bare), MotionWindows::default());
+    let mut estimator = PayloadEstimator::new(bare);
+    let mut state = (q0, SVector::zeros());
     for k in 0..(s * 1e3) as u32 {
-        let [q, _, _] = motion(&q0, f64::from(k + 1) * 1e-3);
-        let q = Some(&q).filter(|_| is_new(k));
+        let is_new = is_new(k);
+        if is_new {
+            let [q, qd, _] = motion(&q0, f64::from(k + 1) * 1e-3);
+            state = (q, qd);
+        }
         let [q_mid, qd_mid, qdd_mid] = motion(&q0, (f64::from(k) + 0.5) * 1e-3);
         let tau = truth.inverse_dynamics(&q_mid, &qd_mid, &qdd_mid) + truth.friction_torque(&qd_mid);
-        let mean = windows.note(&tau, q, &SVector::zeros());
-        if estimator.note(mean.as_ref(), &SVector::zeros()) {
+        let joints = JointTick { q: state.0, qd: state.1, is_new, noise: SVector::zeros() };
+        if estimator.note(&tau, &joints) {
             estimator.adopt();
         }
     }

@@ -3,7 +3,6 @@
 use super::*;
 use crate::linalg::Random;
 use crate::motion::ObserverSettings;
-use crate::motion::motion_windows::MotionWindows;
 use crate::robot::load;
 
 /// What an arm has that its model does not.
@@ -50,7 +49,7 @@ fn found_in<const N: usize>(
         let [q, qd, qdd] = motion((k as f64 + 0.5) * 1e-3);
         arm.inverse_dynamics(&q, &qd, &qdd) + arm.friction_torque(&qd)
     };
-    let (mut estimator, mut windows) = (RotorEstimator::new(&bare, &own), MotionWindows::default());
+    let mut estimator = RotorEstimator::new(&bare, &own);
     for (k, is_told) in (0..ticks).map(at) {
         let noise = SVector::from_fn(|i, _| 1e-3 * bare.limits()[i].effort * random.gaussian());
         let tau = acts(k + truth.delay) + noise;
@@ -58,12 +57,11 @@ fn found_in<const N: usize>(
         let inertia = own + estimator.believed();
         let q = motion((k as f64 + 1.0) * 1e-3)[0];
         let q = q.map(|q| if truth.step > 0.0 { (q / truth.step).round() * truth.step } else { q });
-        let mean = windows.note(&tau, Some(&q), &SVector::repeat(truth.step));
-        if estimator.note((&robot, &SMatrix::zeros()), mean.as_ref(), &inertia) {
+        let scale = (&inertia, &SVector::repeat(truth.step));
+        if estimator.note((&robot, &SMatrix::zeros()), &tau, Some(&q), scale) {
             estimator.adopt();
         }
         if is_told {
-            windows.skip();
             estimator.skip();
         }
     }
@@ -168,7 +166,7 @@ fn a_joint_that_is_stopped_shows_no_rotor() {
     let bare: Robot<6> = load("ur5").unwrap().build().unwrap();
     let q0 = SVector::from_column_slice(&[0.0, -1.2, 1.2, 0.0, 0.5, 0.0]);
     let own = ObserverSettings::free_inertia(&bare, &q0);
-    let (mut estimator, mut windows) = (RotorEstimator::new(&bare, &own), MotionWindows::default());
+    let mut estimator = RotorEstimator::new(&bare, &own);
     // The first joint goes on with 0.5 rad/s until something stops it within 5 ms, against which it pushes more and more.
     let at = |k: i32| {
         let t = f64::from(k - 300).max(0.0) * 1e-3;
@@ -180,8 +178,7 @@ fn a_joint_that_is_stopped_shows_no_rotor() {
     for k in 0..600 {
         let mut tau = bare.gravity(&at(k));
         tau[0] += (f64::from(k - 300)).max(0.0) * 0.2;
-        let mean = windows.note(&tau, Some(&at(k + 1)), &SVector::zeros());
-        if estimator.note((&bare, &SMatrix::zeros()), mean.as_ref(), &own) {
+        if estimator.note((&bare, &SMatrix::zeros()), &tau, Some(&at(k + 1)), (&own, &SVector::zeros())) {
             estimator.adopt();
         }
     }
@@ -208,7 +205,7 @@ fn laden(random: &mut Random, rotors: f64, known_from: usize, period: usize) -> 
         ]
     };
     let derivatives = bare.payload_derivatives();
-    let (mut estimator, mut windows) = (RotorEstimator::new(&bare, &own), MotionWindows::default());
+    let mut estimator = RotorEstimator::new(&bare, &own);
     for k in 0..1000 {
         let [q, qd, qdd] = motion((k as f64 + 0.5) * 1e-3);
         let tau = arm.inverse_dynamics(&q, &qd, &qdd) + arm.friction_torque(&qd);
@@ -224,8 +221,7 @@ fn laden(random: &mut Random, rotors: f64, known_from: usize, period: usize) -> 
         let q = motion((k as f64 + 1.0) * 1e-3)[0];
         let q = (k + 1).is_multiple_of(period).then_some(&q);
         let inertia = own + estimator.believed();
-        let mean = windows.note(&tau, q, &SVector::zeros());
-        if estimator.note((&robot, &Y), mean.as_ref(), &inertia) {
+        if estimator.note((&robot, &Y), &tau, q, (&inertia, &SVector::zeros())) {
             estimator.adopt();
         }
     }
