@@ -128,7 +128,7 @@ fn first_motion(
                 X_WB.translation.vector += v_W * 0.04;
                 probed = true;
             }
-            None if !agreement.pauses() => X_WB = X_WB * step,
+            None if !agreement.pauses() => X_WB *= step,
             None => {}
         }
         farthest = farthest.max(X_WB.translation.vector.norm());
