@@ -185,8 +185,8 @@ pub const FAULT_CASES: &[FaultCase] = &[
     case("saturated", "kind='saturated'", &[WHILE], CONVERGES),
     case("torn", "kind='torn'", &[LONG, ("probability", 0.2, 0.8)], CONVERGES),
     case("corrupt", "kind='corrupt'", &[LONG, ("share", 0.03, 0.3)], CONVERGES),
-    case("clock-jump", "kind='clock_jump',duration_s=100.0", &[("delay_ms", 150.0, 600.0)], HOLDS),
-    case("clock-back", "kind='clock_jump',duration_s=100.0", &[("delay_ms", -150.0, -600.0)], HOLDS),
+    case("clock-jump", "kind='clock_jump',duration_s=100.0", &[("delay_ms", 150.0, 500.0)], HOLDS),
+    case("clock-back", "kind='clock_jump',duration_s=100.0", &[("delay_ms", -150.0, -500.0)], HOLDS),
     case(
         "clock-flicker",
         "kind='clock_jump'",

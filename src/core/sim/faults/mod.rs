@@ -316,4 +316,14 @@ mod tests {
         assert!(jobs.iter().all(|job| job.command().matches('\'').count() % 2 == 0));
         assert!(jobs.iter().all(|job| job.command().contains("kind=\"encoder_freeze\"")));
     }
+
+    /// What a seed draws is a run file that is taken, so that no campaign ends in its midst.
+    #[test]
+    fn what_seeds_draw_can_be_run() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/ur5.toml");
+        for job in jobs(&[], &["B".into()], &["ur5".into()], 30) {
+            let config = Config::load(Some(&path), &job.settings());
+            assert!(config.is_ok(), "{}: {:?}", job.case.name, config.err());
+        }
+    }
 }
