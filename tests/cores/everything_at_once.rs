@@ -73,6 +73,7 @@ fn draw(
     mode: &'static str,
     random: &mut Random,
     folder: &Path,
+    common_keys: &[String],
 ) -> Draw {
     let q_start = load(file, &[]).unwrap().start.q;
     loop {
@@ -110,9 +111,7 @@ fn draw(
         let q: Vec<_> = q_start.iter().map(|q| q + random.within(-0.04, 0.04)).collect();
         set.push(format!("robot.q_start_rad_or_m={q:.4?}"));
         set.push(format!("run.seed={}", random.within(0.0, 1e6) as u32));
-        set.extend(
-            variable("VSERVO_CAMPAIGN_SET").iter().flat_map(|keys| keys.split(';').map(str::to_owned)),
-        );
+        set.extend_from_slice(common_keys);
         if load(file, &set).is_ok() {
             return Draw { file, mode, kind, set };
         }
@@ -186,6 +185,16 @@ struct Counts {
     faults: u32,
 }
 
+/// Keys that all runs of a campaign have, which have to be ones that its files take.
+fn common_keys(cases: &[((&'static str, f64), &'static str)]) -> Vec<String> {
+    let set: Vec<String> =
+        variable("VSERVO_CAMPAIGN_SET").iter().flat_map(|keys| keys.split(';').map(str::to_owned)).collect();
+    for ((file, _), _) in cases {
+        load(file, &set).unwrap();
+    }
+    set
+}
+
 fn variable(name: &str) -> Option<String> {
     std::env::var(name).ok()
 }
@@ -202,6 +211,7 @@ fn campaign(draws: usize, seed: u64) -> Counts {
         .flat_map(|mode| ARMS.into_iter().filter(|arm| is_among(&files, arm.0)).map(move |arm| (arm, mode)))
         .collect();
     let folder = tempfile::tempdir().unwrap();
+    let keys = common_keys(&cases);
     let (next, table) = (AtomicUsize::new(0), Mutex::new(BTreeMap::<(String, &str), Counts>::new()));
     let work = || {
         loop {
@@ -215,7 +225,7 @@ fn campaign(draws: usize, seed: u64) -> Counts {
             let own = folder.path().join(k.to_string());
             std::fs::create_dir_all(&own).unwrap();
             let (drawn, end) = loop {
-                let drawn = draw(arm, mode, &mut random, &own);
+                let drawn = draw(arm, mode, &mut random, &own, &keys);
                 let end = end_of_run(&drawn);
                 if !end.impossible || end.outcome == Outcome::Converged {
                     break (drawn, end);

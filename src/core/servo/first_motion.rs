@@ -9,8 +9,8 @@ use nalgebra::SVector;
 const WAY_M: f64 = 0.1;
 /// The same of its turn, rad. Derived: it moves the image as much as [`WAY_M`] does at [`REACH_M`].
 const TURN: f64 = 0.2;
-/// Distance at which a point moves at the bounded speed by a turn of the camera, m. Chosen by hand: where targets mostly are.
-const REACH_M: f64 = 0.5;
+/// Distance at which a turn of the camera counts as much as its way, m. Chosen by hand: where targets mostly are.
+pub(super) const REACH_M: f64 = 0.5;
 
 /// Whether the first motion is over, and where it began.
 #[derive(Debug, Clone, Default)]

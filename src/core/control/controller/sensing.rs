@@ -72,7 +72,7 @@ impl<const N: usize> Controller<N> {
             step: *self.joint_control.encoder_step(),
             inertia: *self.joint_control.inertia(),
             coulomb: SVector::from_fn(|i, _| friction[i].coulomb),
-            lag: self.joint_control.position_lag(),
+            lag: self.joint_control.position_lag_by_steps(),
         };
         let (believed, fault) = self.encoder_watch.take(
             (now, self.timing),

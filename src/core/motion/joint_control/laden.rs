@@ -134,8 +134,8 @@ impl<const N: usize> JointController<N> {
 
     /// How far the observer's positions are behind an acceleration that it does not know, for each rad/s^2 or m/s^2: s^2.
     #[must_use]
-    pub fn position_lag(&self) -> SVector<f64, N> {
-        self.observer.position_lag()
+    pub fn position_lag_by_steps(&self) -> SVector<f64, N> {
+        self.observer.position_lag_by_steps()
     }
 
     /// The torque that coarse encoders hide in a mean over `ticks`, as a standard deviation, N m or N.

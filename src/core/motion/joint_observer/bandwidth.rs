@@ -28,12 +28,13 @@ impl<const N: usize> JointObserver<N> {
         })
     }
 
-    /// How far positions are behind an acceleration that is not in the command, for each rad/s^2 or m/s^2, once the observer has settled: s^2. Derived: `e = qdd / l^2` from its equations without the part that
-    /// learns it; none where positions are taken as they are measured.
-    pub(in crate::motion) fn position_lag(&self) -> SVector<f64, N> {
+    /// How much farther than with fine encoders positions are behind an acceleration that is not in the command, for each rad/s^2 or m/s^2, once the observer has settled: s^2. Derived: they are behind by
+    /// `e = qdd / l^2` with a bandwidth `l`, from the observer's equations without the part that learns it.
+    pub(in crate::motion) fn position_lag_by_steps(&self) -> SVector<f64, N> {
+        let fine = self.settings.velocity_rad_s;
         SVector::from_fn(|i, _| {
             let bandwidth = self.bandwidth(i);
-            if bandwidth > 0.0 { bandwidth.powi(-2) } else { 0.0 }
+            if bandwidth > 0.0 { bandwidth.powi(-2) - fine.powi(-2) } else { 0.0 }
         })
     }
 
@@ -42,5 +43,25 @@ impl<const N: usize> JointObserver<N> {
         let step = self.steps[i] - self.settings.encoder_noise[i];
         let allowed = if step > 0.0 { STEP_SPEED / step } else { f64::INFINITY };
         self.settings.velocity_rad_s.min(allowed)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::ObserverSettings;
+    use super::*;
+
+    /// Fine encoders leave nothing: the watches over them stay as sharp as they are.
+    #[test]
+    fn only_coarse_steps_make_positions_lag_more() {
+        let settings = ObserverSettings {
+            velocity_rad_s: 400.0,
+            encoder_step: SVector::from([1e-5, 2e-4, 1e-3]),
+            ..ObserverSettings::none()
+        };
+        let lag = JointObserver::<3>::new(settings).position_lag_by_steps();
+        assert_eq!(lag.fixed_rows::<2>(0).amax(), 0.0);
+        // 80 rad/s: derived by hand from `STEP_SPEED`.
+        assert!((lag[2] - (1.0 / 6400.0 - 1.0 / 160_000.0)).abs() < 1e-12, "{lag}");
     }
 }

@@ -9,6 +9,7 @@ use super::strain::{CREDIBLE, SeenMotion, strain};
 use super::wrong_mount::{MountError, WrongMount};
 use super::{JUDGED, SetPoint, Sighting, View, feature_motion};
 use crate::geometry::Pose;
+use crate::servo::first_motion::REACH_M;
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::Vector3;
 use std::f64::consts::TAU;
@@ -29,9 +30,8 @@ const DIRECTIONS: u8 = 8;
 const STEP_M: f64 = 1e-3;
 /// Share of what the best direction tells that another one has to tell. Chosen by hand: about an axis across the optical one it is the next direction beside the best.
 const AS_TELLING: f64 = 0.8;
-/// Least share of the camera's motion that is along the asked direction, and the distance at which a turn counts as a way, m. Chosen by hand: 37 degrees beside it, and where targets mostly are.
+/// Least share of the camera's motion that is along the asked direction. Chosen by hand: 37 degrees beside it.
 const AS_ASKED: f64 = 0.8;
-const REACH_M: f64 = 0.5;
 /// Share of the square of the displacement, as seen or as it should be, that a wrong mount may leave. Measured: drawn ones left up to 0.26 of what was seen, those with other axes 0.65, which is less of what should be, and askew ones
 /// 1.1 and more; a measurement that leaps is neither.
 const LEFT_BY_ERROR: f64 = 0.6;

@@ -23,14 +23,17 @@ pub(super) const CREDIBLE: f64 = 10.0;
 const UNMODELLED: f64 = 0.003;
 /// Noise of a dot, normalized. Derived: [`JUDGED`] is fifteen times that.
 const NOISE: f64 = JUDGED / 15.0;
-/// Standard deviations of what a mount is off by, rad and m. Chosen by hand: mounts are measured to 15 degrees and 4 cm by the eye.
+/// Standard deviation of the turn by which a mount is off, rad. Chosen by hand: mounts are measured to 15 degrees by the eye.
 const TURN: f64 = 0.26;
+/// The same of its displacement, m. Chosen by hand as [`TURN`].
 const LEVER_M: f64 = 0.04;
-/// The same of the logarithms of the target's size or distance, and of the focal length. Chosen by hand: a target may be believed three times as large as it is, a lens a fifth longer.
+/// The same of the logarithm of the target's size or distance. Chosen by hand: a target may be believed three times as large as it is.
 const DEPTH: f64 = 1.2;
+/// The same of the logarithm of the focal length. Chosen by hand: a lens a fifth longer than it is told.
 const FOCAL: f64 = 0.2;
-/// Steps of Gauss and Newton, and the longest of one, in standard deviations together. Chosen by hand: after five the sum is that of twenty to a hundredth, up to some 30, which are three such steps away.
+/// Steps of Gauss and Newton. Chosen by hand: after five the sum is that of twenty to a hundredth, up to some 30, which are three of the [longest](LONGEST_STEP) away.
 const STEPS: usize = 8;
+/// The longest step, in standard deviations of all unknowns together. Chosen by hand: derivatives hold as far.
 const LONGEST_STEP: f64 = 2.0;
 /// Change of an unknown by which the derivatives are taken, in its standard deviations. Chosen by hand: their error is as large as that of rounding by then.
 const DIFFERENCE: f64 = 1e-4;

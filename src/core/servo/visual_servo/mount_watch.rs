@@ -3,13 +3,12 @@
 use super::{LawAnswer, VisualServo};
 use crate::geometry::Pose;
 use crate::robot::{CameraJacobian, Robot};
+use crate::servo::first_motion::REACH_M;
 use crate::servo::{Convergence, LawOutput, MountError, TwistTask, joint_velocity};
 use nalgebra::{Matrix6, SVector, Vector6};
 
 /// Rate at which a small motion of its own would converge, 1/s, by which the arm could brake before its end. Chosen by hand: that of the way back to a view.
 const RATE_1_S: f64 = super::RETURN_RATE_1_S;
-/// Distance at which a turn of the camera counts as much as its way, m, where an arm can only do one with the other. Chosen by hand: where targets mostly are.
-const REACH_M: f64 = 0.5;
 
 impl<const N: usize> VisualServo<N> {
     /// The same where the arm goes by another law, too, so that none moves it alone.
