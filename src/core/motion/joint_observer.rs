@@ -192,9 +192,9 @@ impl<const N: usize> JointObserver<N> {
         })
     }
 
-    /// Whether each joint has been found to stick.
-    pub(super) fn sticks(&self) -> [bool; N] {
-        std::array::from_fn(|i| self.sticking.stiffness()[i] > 0.0)
+    /// The share of the torque against an error's decay that each joint may have because it sticks; none for joints that do not.
+    pub(super) fn slip_share(&self) -> SVector<f64, N> {
+        self.sticking.slip_share()
     }
 
     /// The friction of each joint of `robot`, of which the share is compensated: that of its file, or what is looked for where the file tells none.
@@ -382,6 +382,7 @@ impl<const N: usize> JointObserver<N> {
                 step: self.steps[i],
                 speed,
                 slip: commanded.slip[i],
+                lead: speed - commanded.velocity[i],
                 has_coulomb: friction.coulomb > 0.0,
                 loose: (commanded.u[i] - self.p[i]).abs()
                     + (self.t[i].abs() + LOOSE * friction.coulomb) / settings.inertia[i],

@@ -349,7 +349,7 @@ impl<const N: usize> JointController<N> {
         );
         let given = if stalled == 0 { wanted } else { expected + beyond };
         let compensated = friction.component_mul(&self.friction_share());
-        let extra = sticking::extra_velocity(&self.observer.sticks(), qd, feedback);
+        let extra = sticking::extra_velocity(&self.observer.slip_share(), qd, feedback);
         let torque = self.commanded(robot, q, &wanted, &given, feedback, (friction, compensated, extra));
         // What holds a joint is no payload; but one that is not known holds joints when control begins, until they give way.
         self.ticks = self.ticks.saturating_add(1);
@@ -407,7 +407,7 @@ impl<const N: usize> JointController<N> {
         let share = self.friction_share();
         let joints = self.observer.friction(robot);
         let model = SVector::<f64, N>::from_fn(|i, _| joints[i].torque(feedback.velocity[i]));
-        let extra = sticking::extra_velocity(&self.observer.sticks(), qd, feedback);
+        let extra = sticking::extra_velocity(&self.observer.slip_share(), qd, feedback);
         let mut friction = model;
         for (i, joint) in joints.iter().enumerate() {
             friction[i] += joint.viscous * (feedback.slip[i] + extra[i]);

@@ -31,16 +31,16 @@ pub(super) fn torque<const N: usize>(
     inertia.component_mul(&(e * stiffness + ed * (DAMPED_MORE * 2.0 * zeta * omega_rad_s)))
 }
 
-/// Velocities for which viscous friction of joints that stick is compensated beyond those of the reference and of the error's decay, rad/s or m/s;
+/// Velocities for which viscous friction of joints that stick, which have these `shares` of [`SLIP_GAIN`], is compensated beyond those of the reference and of the error's decay, rad/s or m/s;
 /// zero for the others. The joints move with `qd`.
 pub(super) fn extra_velocity<const N: usize>(
-    sticks: &[bool; N],
+    shares: &SVector<f64, N>,
     qd: &SVector<f64, N>,
     feedback: &Feedback<N>,
 ) -> SVector<f64, N> {
     SVector::from_fn(|i, _| {
         let lead = (qd[i] - feedback.velocity[i]).clamp(-DAMPED, DAMPED);
-        let extra = (SLIP_GAIN - 1.0) * feedback.slip[i] - DAMPING_SHARE * lead;
-        if sticks[i] { extra } else { 0.0 }
+        let extra = (SLIP_GAIN - 1.0) * shares[i] * feedback.slip[i] - DAMPING_SHARE * lead;
+        if shares[i] > 0.0 { extra } else { 0.0 }
     })
 }
