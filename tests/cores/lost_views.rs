@@ -57,3 +57,31 @@ fn what_is_lost_twice_is_reached_another_way() {
         assert!(losses >= 2, "{file} {}: {losses}", cell[0]);
     }
 }
+
+/// Starts from which the current interaction matrix leads a camera away from its target, up to the ends of the arm, until it loses it (Panda) or comes no nearer (xArm7): it begins again, by the mean.
+const RETREATS: [(&str, &str, u32); 2] = [
+    ("panda", "[0.1549,0.5098,0.1634,-0.9124,-0.2140,1.2208,-1.0465]", 2),
+    ("xarm7", "[-0.3483,-0.2320,0.1729,1.6529,0.0783,1.8463,2.4853]", 1),
+];
+
+#[test]
+fn a_retreat_ends_in_another_way() {
+    for (file, q_start, least_losses) in RETREATS {
+        let set = [format!("robot.q_start_rad_or_m={q_start}"), "servo.interaction=current".into()];
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("config/{file}.toml"));
+        let config = Config::load(Some(&path), &set).unwrap_or_else(|e| panic!("{file}: {e}"));
+        let (mut losses, mut ways) = (0, 0);
+        let run = simulate_system(&config, &mut |moment| {
+            if let Moment::Tick(trace, _) = moment {
+                let count = |what| trace.events.iter().filter(|event| *event == what).count() as u32;
+                losses += count(Event::Holding);
+                ways += count(Event::AnotherWay);
+            }
+            std::ops::ControlFlow::Continue(())
+        })
+        .unwrap();
+        let finish = &run.finish;
+        assert_eq!(finish.outcome, Outcome::Converged, "{file}: {}", finish.reason);
+        assert!(ways == 1 && losses >= least_losses, "{file}: {ways} ways, {losses} losses");
+    }
+}

@@ -29,6 +29,8 @@ pub enum ControlOrder<const N: usize> {
     Command(Option<CommandedMotion<N>>),
     /// Reduces the gain and the estimation rate, for an arm that oscillates about its goal.
     ReduceGain,
+    /// Has the law go another way, for an arm that comes no nearer to a goal that is far.
+    TryAnotherWay,
     /// Restores the full estimation rate.
     RestoreGain,
     /// Brings the arm to rest and ends the loop.

@@ -236,6 +236,10 @@ pub enum Event {
     Searching,
     /// The view was lost where it was lost before, again and again: the arm holds.
     LostAgain,
+    /// The law goes another way to its goal, by another interaction matrix.
+    AnotherWay,
+    /// The camera is moved a little to tell a wrong mount from one that is askew.
+    MountTried,
     /// Of two cameras that control the arm the first one does not see its target: the arm goes by the second.
     FirstViewMissing,
     /// The same of the second one.
@@ -275,6 +279,8 @@ impl Event {
             Self::NeverSeen => "never_seen",
             Self::Searching => "searching",
             Self::LostAgain => "lost_again",
+            Self::AnotherWay => "another_way",
+            Self::MountTried => "mount_tried",
             Self::FirstViewMissing => "first_view_missing",
             Self::SecondViewMissing => "second_view_missing",
             Self::BothViews => "both_views",

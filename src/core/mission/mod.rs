@@ -18,6 +18,7 @@
 //! | residual | the remaining error of an arm that has come to rest, or oscillates, away from its goal ([`residual`]) |
 
 mod accuracy;
+mod adapt_law;
 mod errors;
 mod goal_mean;
 mod goal_path;
@@ -74,9 +75,6 @@ use truth::{Truth, true_goal};
 
 /// Ticks between two status records. Chosen by hand: 50 Hz is more than a person follows and 5 % of the ticks.
 const STATUS_PERIOD: u64 = 20;
-/// The gain is reduced for an arm whose error does not fall and is more than so many times the goal's tolerance. Chosen by hand: nearer to
-/// the goal the arm is given time, because noise alone may keep the error about the tolerance.
-const SWINGS_FROM: f64 = 1.5;
 /// The points that a law compares are where they should be when their error is this share of that of all. Chosen by hand: well above the noise of
 /// single points, and well below what is left where nothing is met.
 const MET_SHARE: f64 = 0.1;
@@ -116,6 +114,8 @@ pub struct Mission<const N: usize> {
     residual: ResidualWatch,
     /// Whether the gain of control is reduced.
     is_reduced: bool,
+    /// Whether the law was asked to go another way to this goal.
+    way_asked: bool,
     last_frame_seen: bool,
     end: RunEnd,
     /// Whether control was given the order.
@@ -170,6 +170,7 @@ impl<const N: usize> Mission<N> {
             rest: RestWatch::default(),
             residual: ResidualWatch::default(),
             is_reduced: false,
+            way_asked: false,
             last_frame_seen: false,
             end: RunEnd::default(),
             end_sent: false,
@@ -226,7 +227,7 @@ impl<const N: usize> Mission<N> {
         let tells = js.tick.is_multiple_of(STATUS_PERIOD);
         if tells {
             self.note_arm_at_goals(now);
-            self.adapt_gain();
+            self.adapt_law(&trace.limits);
         }
         self.judge(trace);
         if tells || trace.over {
@@ -270,6 +271,7 @@ impl<const N: usize> Mission<N> {
                     self.is_reduced = true;
                     self.residual.begin_anew();
                 }
+                Event::AnotherWay => self.residual.begin_anew(),
                 // The fault that came first is the reason, this one its consequence.
                 Event::Fault(Fault::NotAtRest) => self.end.decide(Finish::fault(Fault::NotAtRest)),
                 Event::Fault(Fault::RestUnknown) => {
@@ -319,27 +321,6 @@ impl<const N: usize> Mission<N> {
         let RunTask::LookAndMove(task) = &mut self.task else { return };
         if self.end.decided().is_none() && verdict.is_some_and(MeasurementVerdict::is_used) {
             task.look(m, error_px.unwrap_or(f64::NAN), &vector(&self.joint_state.q), &self.goal);
-        }
-    }
-
-    /// Reduces the gain for an arm that oscillates about its goal, and restores it for one that then sticks before the goal.
-    fn adapt_gain(&mut self) {
-        let goal_px = self.goal.tolerance_px;
-        // A motion that was planned has no goal that it could come nearer to.
-        let has_gain = matches!(self.task, RunTask::Servo);
-        if self.end.decided().is_some() || !has_gain {
-            return;
-        }
-        if self.residual.constant_px(goal_px).is_some() {
-            if std::mem::take(&mut self.is_reduced) {
-                self.orders.push_back(ControlOrder::RestoreGain);
-                self.residual.begin_anew();
-            }
-        } else if self.residual.is_no_nearer(SWINGS_FROM * goal_px) {
-            // Control tells whether it can. Of traces that come all at once each would ask.
-            if !self.orders.contains(&ControlOrder::ReduceGain) {
-                self.orders.push_back(ControlOrder::ReduceGain);
-            }
         }
     }
 

@@ -198,6 +198,7 @@ impl<const N: usize> Mission<N> {
         (self.goal.set_point, self.goal.id) = (set_point, self.goal.id.saturating_add(1));
         self.goal_watch.begin_anew();
         self.residual.begin_anew();
+        self.way_asked = false;
     }
 
     /// For how long the goal has been reached and held, s; NaN where it is not.

@@ -218,6 +218,12 @@ pub fn describe(event: Event) -> String {
         Event::LostAgain => {
             "the target is lost for the third time where it was lost before: the arm holds. Something stands in the way of the view or of the arm there, such as a plane of [workspace], a limit or an obstacle"
         }
+        Event::AnotherWay => {
+            "the law lost its target twice, or came no nearer: it goes another way, by the mean interaction matrix in place of servo.interaction, or by the current one in place of the mean, until another goal is set"
+        }
+        Event::MountTried => {
+            "the image moved as before a camera whose mount is wrong, or askew: the arm moves the camera back a little, without a turn, to tell which"
+        }
         Event::FirstViewMissing => "the first camera does not see its target: the arm goes by the second one",
         Event::SecondViewMissing => {
             "the second camera does not see its target: the arm goes by the first one"

@@ -143,6 +143,11 @@ impl MotionAgreement {
         self.pause.is_some()
     }
 
+    /// Whether the arm is to move as it is told here.
+    pub(super) fn probes(&self) -> bool {
+        self.probe.is_some()
+    }
+
     /// The velocity that a camera at `X_WC` is to have in place of what the law gives it, in the frame in which the object rests, m/s; without a turn.
     pub(super) fn probe_velocity(&mut self, X_WC: &Pose) -> Option<Vector3<f64>> {
         self.probe.as_mut().map(|probe| probe.velocity(X_WC))

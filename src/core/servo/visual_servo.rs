@@ -379,15 +379,16 @@ impl<const N: usize> VisualServo<N> {
         self.object.as_ref().map_or(1.0, |object| object.confidence(now + self.settings.lead))
     }
 
-    /// Return to the posture of the last complete measurement of the goal's target, for an arm at `q` that has lost it and holds: the joint
+    /// Return to the posture of the last complete measurement of the goal's target, or of the first one since the law began where it is `to_begin`, for an arm at `q`: the joint
     /// velocity, rad/s or m/s, and how it leads there. `None` where it is not enabled
     /// ([`ServoSettings::returns`]), there was no complete measurement, the arm has arrived, or it is not known yet whether another target is in view.
     #[must_use]
-    pub fn way_back(&self, q: &SVector<f64, N>) -> Option<(SVector<f64, N>, Convergence<N>)> {
+    pub fn way_back(&self, q: &SVector<f64, N>, to_begin: bool) -> Option<(SVector<f64, N>, Convergence<N>)> {
         if self.sought.is_some_and(|misses| misses < MISSES) {
             return None;
         }
-        let remaining = self.posture_seen_whole().filter(|_| self.settings.returns)? - q;
+        let end = if to_begin { self.posture_first_seen_whole() } else { self.posture_seen_whole() };
+        let remaining = end.filter(|_| self.settings.returns)? - q;
         let is_finite = remaining.iter().all(|x| x.is_finite());
         (is_finite && remaining.amax() > RETURNED)
             .then(|| (remaining * RETURN_RATE_1_S, Convergence::at(RETURN_RATE_1_S)))

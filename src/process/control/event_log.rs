@@ -20,6 +20,7 @@ pub(super) fn log<const N: usize>(trace: &Trace, mission: &Mission<N>) {
             | Event::Returning
             | Event::Searching
             | Event::LostAgain
+            | Event::AnotherWay
             | Event::GoalLeft
             | Event::FirstViewMissing
             | Event::SecondViewMissing

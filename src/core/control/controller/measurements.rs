@@ -3,6 +3,7 @@
 use super::Controller;
 use crate::control::lifecycle::State;
 use crate::control::safety::Fault;
+use crate::control::trace::Event;
 use crate::messages::Measurement;
 use crate::servo::{MeasurementVerdict, MountError, UnobservedMotion};
 use crate::time::MonoNs;
@@ -10,7 +11,11 @@ use crate::time::MonoNs;
 impl<const N: usize> Controller<N> {
     /// Takes in a measurement at `now`, and what it says of the arm's motion.
     pub(super) fn take(&mut self, now: MonoNs, m: &Measurement) -> MeasurementVerdict {
+        let tried = self.servo.tries_mount();
         let verdict = self.servo.add_measurement(now, m, &self.arm.robot);
+        if self.servo.tries_mount() && !tried {
+            self.events.push(Event::MountTried);
+        }
         if verdict != MeasurementVerdict::OtherTarget {
             self.returning.note(m, verdict);
         }

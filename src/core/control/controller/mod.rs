@@ -243,9 +243,13 @@ impl<const N: usize> Controller<N> {
         }
         // Without a camera an arm that has lost its target would go back for nothing.
         let may_return = !self.behaviour.is_dry() && self.behaviour.sees(now);
-        let returns = |state: &DriveState<N>| self.servo.way_back(&state.q).filter(|_| may_return);
+        let to_begin = self.returning.is_to_begin();
+        let returns = |state: &DriveState<N>| self.servo.way_back(&state.q, to_begin).filter(|_| may_return);
         let way_back = observed.as_ref().and_then(returns);
         let left = way_back.as_ref().map(|(qd, way)| qd.amax() / way.rate_1_s);
+        if self.returning.goes_to_begin(left) {
+            confidence = 0.0;
+        }
         self.live(now, state.as_ref(), confidence, (may_return, left));
         if self.state != State::Servoing {
             self.interrupt();

@@ -189,8 +189,11 @@ impl<const N: usize> Controller<N> {
             requested_qd *= trusted;
             (0..N).for_each(|i| acting.set(Limit::View, i));
         }
+        // A way back is one of all joints, also of those that the camera does not feel.
+        let of_joints = self.state == State::Returning && !self.returning.is_searching();
+        let free = if of_joints { requested_qd } else { convergence.null_space };
         let (requested_qd, damping) =
-            damp_singularity(&self.arm.robot, q, J_C.matrix(), &requested_qd, &convergence.null_space);
+            damp_singularity(&self.arm.robot, q, J_C.matrix(), &requested_qd, &free);
         (requested_qd, acting.with(&damping))
     }
 

@@ -3,8 +3,9 @@
 //! ```text
 //! Holding ─ a way back ─► Returning ─ near its end, not seen for some time ─► Returning: search ─► Returning: back ─► Holding
 //! ```
-//! A law that has lost its target twice in a row tries another way: scheme D by the mean interaction matrix goes by the current one, until another goal is set. Where the description is right the former
-//! loses fewer targets; what it has lost with a mount or a lens that is not as told, it loses again.
+//! A law that has lost its target twice in a row, or that comes no nearer to a goal that is far before an end of the arm, tries another way ([`Controller::try_another_way`]): scheme D by the mean interaction matrix goes by the current
+//! one, and by any other one by the mean, until another goal is set. Where the description is right the mean loses fewer targets; what it has lost with a mount or a lens that is not as told, it loses again.
+//! By the current one the camera goes straight in the image, which takes it away from a target that is turned far about the optical axis, up to the ends of the arm (Chaumette).
 
 use super::Controller;
 use super::searching::{SearchMotion, is_elsewhere, within_share};
@@ -84,8 +85,10 @@ pub(super) struct ReturnWatch<const N: usize> {
     is_other: bool,
     /// Whether the arm waited for its target already.
     waited: bool,
-    /// Whether the law goes another way since it lost its target twice.
-    other_way: bool,
+    /// The interaction matrix by which the law was to go, where it goes another way.
+    asked_way: Option<InteractionAt>,
+    /// Whether the arm is to go back to where the law began, whatever it sees on its way.
+    to_begin: bool,
 }
 
 impl<const N: usize> ReturnWatch<N> {
@@ -100,12 +103,21 @@ impl<const N: usize> ReturnWatch<N> {
 
     /// A new goal has other losses.
     pub(super) fn forget_losses(&mut self) {
-        (self.losses, self.other_way) = (LossCount::default(), false);
+        (self.losses, self.asked_way) = (LossCount::default(), None);
     }
 
     /// What was lost and looked for so far was another target.
     pub(super) fn forget_target(&mut self) {
-        *self = Self { told: self.told, is_other: true, other_way: self.other_way, ..Self::default() };
+        *self = Self { told: self.told, is_other: true, asked_way: self.asked_way, ..Self::default() };
+    }
+
+    pub(super) fn is_to_begin(&self) -> bool {
+        self.to_begin
+    }
+
+    /// Whether an arm that is to go to the begin, with a way `left`, rad or m, is on its way: about its end it goes on as soon as it sees its target.
+    pub(super) fn goes_to_begin(&self, left: Option<f64>) -> bool {
+        self.to_begin && left.is_some_and(|left| left > NEAR)
     }
 
     pub(super) fn is_searching(&self) -> bool {
@@ -134,15 +146,17 @@ impl<const N: usize> Controller<N> {
         let ongoing = r.search.filter(|search| sees && is_away(self.state) && search.goes_on(now));
         let ends = r.search.is_some() && ongoing.is_none();
         // Only one return for each loss of the view: noise about the end of the way back must not start another one. After a search the arm goes back once more.
-        let is_new = self.state == State::Holding && before == State::Servoing;
+        let is_new = self.state == State::Holding && before == State::Servoing && !r.to_begin;
         let losses = if is_new { r.losses.after(self.reference.state().q, now) } else { r.losses };
-        let tries = is_new && !r.other_way && losses.in_a_row >= OTHER_WAY_AFTER;
-        let tries = tries && self.servo.replace_interaction(InteractionAt::Mean, InteractionAt::Current);
+        if is_new && losses.in_a_row >= OTHER_WAY_AFTER {
+            let _ = self.try_another_way();
+        }
         let is_for_ever = losses.is_for_ever() && is_away(self.state);
         if is_new && is_for_ever && left.is_some() {
             self.events.push(Event::LostAgain);
         }
-        let goes = left.is_some() && (ends || !r.has_returned) && !is_late && may_leave && !is_for_ever;
+        let has_way = left.is_some() || self.returning.to_begin && !r.to_begin;
+        let goes = has_way && (ends || !r.has_returned) && !is_late && may_leave && !is_for_ever;
         // Not from where a way back was given up.
         let is_near = left.is_none_or(|left| left < NEAR);
         let search = ongoing.or_else(|| self.search_begins(now, sees && is_near));
@@ -171,16 +185,33 @@ impl<const N: usize> Controller<N> {
             told: lost || (r.told && self.servo.looks_for_another()),
             is_other: r.is_other && self.state != State::Servoing,
             waited: self.state == State::Waiting,
-            other_way: r.other_way || tries,
+            asked_way: self.returning.asked_way,
+            to_begin: self.returning.to_begin && returns && (r.goes_to_begin(left) || !r.to_begin),
         };
+    }
+
+    /// Has the law go another way to this goal, once, from where it began, which is reported as an event. Returns whether it does.
+    pub fn try_another_way(&mut self) -> bool {
+        let away = matches!(self.state, State::Holding | State::Returning | State::Servoing);
+        if self.returning.asked_way.is_some() || !away || self.behaviour.is_dry() {
+            return false;
+        }
+        self.returning.asked_way = self.servo.take_other_interaction();
+        let does = self.returning.asked_way.is_some();
+        if does {
+            self.returning.to_begin = true;
+            self.events.push(Event::AnotherWay);
+        }
+        does
     }
 
     /// Another goal may be reached by the law as it was asked for.
     pub(super) fn forget_losses(&mut self) {
-        if self.returning.other_way {
-            self.servo.replace_interaction(InteractionAt::Current, InteractionAt::Mean);
+        if let Some(asked) = self.returning.asked_way {
+            self.servo.set_interaction(asked);
         }
         self.returning.forget_losses();
+        self.servo.begin_here();
     }
 
     /// A search that begins now, of an arm that `may` look around.

@@ -196,6 +196,7 @@ impl<const N: usize> Controller<N> {
     pub(super) fn begin_law_anew(&mut self) {
         self.servo.restore_gain();
         self.servo.restart_path();
+        self.forget_losses();
         if let Some(second) = &mut self.second {
             second.servo.restore_gain();
         }

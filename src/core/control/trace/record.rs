@@ -165,7 +165,7 @@ fn events_of(events: u32) -> impl Iterator<Item = Event> {
 }
 
 /// The events by [`event_number`], each fault and each request by one of them: which it was is not in its bit.
-const EVENTS: [Event; 28] = [
+const EVENTS: [Event; 30] = [
     Event::Holding,
     Event::Resumed,
     Event::Stopping,
@@ -194,6 +194,8 @@ const EVENTS: [Event; 28] = [
     Event::SecondViewMissing,
     Event::BothViews,
     Event::StillMoves,
+    Event::AnotherWay,
+    Event::MountTried,
 ];
 
 fn event_number(event: Event) -> u32 {
@@ -226,6 +228,8 @@ fn event_number(event: Event) -> u32 {
         Event::SecondViewMissing => 25,
         Event::BothViews => 26,
         Event::StillMoves => 27,
+        Event::AnotherWay => 28,
+        Event::MountTried => 29,
     }
 }
 

@@ -23,6 +23,11 @@ impl<const N: usize> VisualServo<N> {
         self.agreement.error()
     }
 
+    /// Whether a small motion of the camera is under way that tells a wrong mount from one that is askew.
+    pub(crate) fn tries_mount(&self) -> bool {
+        self.agreement.probes()
+    }
+
     /// The share of the joint velocity `qd` (rad/s or m/s), 0 to 1, with which the `first` motion of a camera at a pose with a Jacobian is slow enough
     /// ([`first_motion_m_s`](crate::servo::ServoSettings::first_motion_m_s)). 0 while it waits to see whether the object moves; 1 where the object moves or the Jacobian is learnt, since then nothing is known of how the image should move.
     pub fn first_motion_share(&mut self, qd: &SVector<f64, N>, first: (&Pose, &CameraJacobian<N>)) -> f64 {

@@ -19,14 +19,21 @@ impl<const N: usize> VisualServo<N> {
         self.settings.law.set_gain(gain_1_s)
     }
 
-    /// Has scheme D go by the interaction matrix `to` in place of `from`. Returns whether it went by that.
-    pub(crate) fn replace_interaction(&mut self, from: InteractionAt, to: InteractionAt) -> bool {
-        match &mut self.settings.law {
-            Law::ImageVelocity { interaction, .. } if interaction.at == from => {
-                interaction.at = to;
-                true
-            }
-            _ => false,
+    /// Has scheme D go by another interaction matrix: by the current one in place of the mean, and by the mean in place of any other. Returns which one it went by; `None` of other laws and of learnt Jacobians.
+    pub(crate) fn take_other_interaction(&mut self) -> Option<InteractionAt> {
+        let Law::ImageVelocity { interaction, .. } = &mut self.settings.law else { return None };
+        let other = match interaction.at {
+            InteractionAt::Mean => InteractionAt::Current,
+            InteractionAt::Current | InteractionAt::Desired => InteractionAt::Mean,
+            InteractionAt::Estimated => return None,
+        };
+        Some(std::mem::replace(&mut interaction.at, other))
+    }
+
+    /// Has scheme D go by the interaction matrix `at`.
+    pub(crate) fn set_interaction(&mut self, at: InteractionAt) {
+        if let Law::ImageVelocity { interaction, .. } = &mut self.settings.law {
+            interaction.at = at;
         }
     }
 }

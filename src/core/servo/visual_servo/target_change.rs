@@ -36,17 +36,20 @@ pub(super) struct SeenWhole<const N: usize> {
     /// that lies within.
     near: SVector<f64, N>,
     within: SVector<f64, N>,
+    /// The first one since the law began: from there another way may be tried.
+    first: Option<SVector<f64, N>>,
     /// The middle of the target then, in the frame W in which it rests, m; `None` without a pose.
     place: Option<Point3<f64>>,
 }
 
 impl<const N: usize> SeenWhole<N> {
     fn at(q: SVector<f64, N>) -> Self {
-        Self { newest: q, resting: 1, near: q, within: q, place: None }
+        Self { newest: q, resting: 1, near: q, within: q, first: None, place: None }
     }
 
     fn note(&mut self, q: SVector<f64, N>, place: Option<Point3<f64>>) {
         self.place = place;
+        self.first.get_or_insert(q);
         let rests = (q - self.newest).amax() < RESTS;
         self.resting = if rests { self.resting.saturating_add(1) } else { 1 };
         self.newest = q;
@@ -97,6 +100,16 @@ impl<const N: usize> VisualServo<N> {
         let seen = self.q_whole.get(self.goal.target() as usize)?.as_ref()?;
         let stays = seen.resting >= RESTING_VIEWS && !self.looks_for_another();
         Some(if stays { seen.newest } else { seen.within })
+    }
+
+    /// From where the goal's target was first seen whole since the law began, rad or m.
+    pub(super) fn posture_first_seen_whole(&self) -> Option<SVector<f64, N>> {
+        self.q_whole.get(self.goal.target() as usize)?.as_ref()?.first
+    }
+
+    /// The law begins from where the arm is.
+    pub(crate) fn begin_here(&mut self) {
+        self.q_whole.iter_mut().flatten().for_each(|seen| seen.first = None);
     }
 
     /// Where the middle of the goal's target was when it was last seen whole, in the frame W in which it rests, m, and a posture from which it was seen, rad or m.

@@ -247,19 +247,19 @@ fn the_way_back_leads_to_where_the_whole_target_was_seen() {
     let mut s = servo(UpdatePolicy::Predict);
     moved_to(&mut s, 0..=100);
     s.add_measurement(MonoNs(100 * MS), &seen_at(40), &robot);
-    assert!(s.way_back(&q_at(100)).is_none(), "not asked for");
+    assert!(s.way_back(&q_at(100), false).is_none(), "not asked for");
     s.settings.returns = true;
-    let (qd, convergence) = s.way_back(&q_at(100)).unwrap();
+    let (qd, convergence) = s.way_back(&q_at(100), false).unwrap();
     assert!((q_at(100) + qd / convergence.rate_1_s - q_at(40)).norm() < 1e-9, "{qd}");
-    assert!(s.way_back(&q_at(40)).is_none(), "there already");
+    assert!(s.way_back(&q_at(40), false).is_none(), "there already");
     // A part of the target is not the whole of it.
     let mut partial = seen_at(80);
     partial.feature_count = 3;
     assert!(s.add_measurement(MonoNs(100 * MS), &partial, &robot).is_used());
-    assert_eq!(s.way_back(&q_at(100)).unwrap().0, qd);
+    assert_eq!(s.way_back(&q_at(100), false).unwrap().0, qd);
     let mut blind = servo(UpdatePolicy::Predict);
     blind.settings.returns = true;
-    assert!(blind.way_back(&q_at(0)).is_none(), "nothing was seen");
+    assert!(blind.way_back(&q_at(0), false).is_none(), "nothing was seen");
 }
 
 /// Every law, with everything on that looks at a measurement.

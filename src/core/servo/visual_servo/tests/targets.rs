@@ -14,7 +14,7 @@ fn another_target_is_waited_for() {
     let other = s.set_point().clone().with_target(1);
     s.set_goal(other);
     assert!(s.law_output(&q_at(50), &Vector4::zeros(), &robot).is_none());
-    assert!(s.way_back(&q_at(50)).is_none());
+    assert!(s.way_back(&q_at(50), false).is_none());
     let of_old = seen_at(40);
     assert_eq!(s.add_measurement(MonoNs(50 * MS), &of_old, &robot), MeasurementVerdict::OtherTarget);
     assert!(s.law_output(&q_at(50), &Vector4::zeros(), &robot).is_none());
@@ -58,7 +58,8 @@ fn each_target_has_a_way_back_of_its_own() {
     let mut s = servo(UpdatePolicy::Predict);
     s.settings.returns = true;
     moved_to(&mut s, 0..=100);
-    let end = |s: &VisualServo<4>| s.way_back(&q_at(100)).map(|(qd, way)| q_at(100) + qd / way.rate_1_s);
+    let end =
+        |s: &VisualServo<4>| s.way_back(&q_at(100), false).map(|(qd, way)| q_at(100) + qd / way.rate_1_s);
     let near = |q: Option<Vector4<f64>>, ms: i64| q.is_some_and(|q| (q - q_at(ms)).norm() < 1e-9);
     let (first, second) = (s.set_point().clone(), s.set_point().clone().with_target(1));
     let blind = |target_number| Measurement { target_number, ..Measurement::default() };
