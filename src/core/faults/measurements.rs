@@ -1,6 +1,7 @@
 //! Faults of measurements, between what vision measured and what control is told.
 
 use super::FaultWindow;
+use crate::detect::Detection;
 use crate::messages::{MAX_FEATURES, Measurement, frame_flag};
 use crate::time::SpanNs;
 use nalgebra::Vector2;
@@ -17,6 +18,8 @@ pub enum MeasurementFault {
     Jump(f64),
     /// Two of its features have each other's ids; the pose is left as it is.
     Mislabelled,
+    /// Each point in the image is off by noise of its own, of that standard deviation, px; the pose is that of the points.
+    PointNoise(f64),
 }
 
 /// Puts faults into the measurements of one vision.
@@ -46,11 +49,28 @@ impl MeasurementFaults {
         Self { list, period_ns: 1e9 / rate_hz, f_px, last }
     }
 
+    /// Puts noise into the `points` that were found in frame `id` of the camera with the number `camera`.
+    pub fn disturb(&self, camera: u64, id: u64, points: &mut [Detection]) {
+        let time = time_of(id, self.period_ns);
+        for (fault, window) in &self.list {
+            let MeasurementFault::PointNoise(sd_px) = fault else { continue };
+            if !window.acts(time, id) {
+                continue;
+            }
+            for point in points.iter_mut() {
+                // By the point, so that it is as far off in whatever way it was found in this frame.
+                let number = id ^ u64::from(point.id + 1).rotate_right(16) ^ camera.rotate_right(32);
+                let mut random = window.random(number);
+                point.px += Vector2::new(random.gaussian(), random.gaussian()) * *sd_px;
+            }
+        }
+    }
+
     /// Puts in what acts on `m`.
     pub fn apply(&mut self, m: &mut Measurement) {
         let Some(last) = &mut self.last else { return };
         let [newest, older] = &mut **last;
-        let (id, time) = (m.frame_id, SpanNs((m.frame_id as f64 * self.period_ns).round() as i64));
+        let (id, time) = (m.frame_id, time_of(m.frame_id, self.period_ns));
         let mut is_stale = false;
         for (fault, window) in self.list.iter().filter(|(_, window)| window.acts(time, id)) {
             match fault {
@@ -69,12 +89,19 @@ impl MeasurementFaults {
                 }
                 MeasurementFault::Jump(size_px) => jump(m, *size_px, window, &self.f_px),
                 MeasurementFault::Mislabelled => mislabel(m, window),
+                // Before the pose was computed.
+                MeasurementFault::PointNoise(_) => {}
             }
         }
         if m.found() && !is_stale {
             *older = std::mem::replace(newest, *m);
         }
     }
+}
+
+/// The time of frame `id` since frame 0.
+fn time_of(id: u64, period_ns: f64) -> SpanNs {
+    SpanNs((id as f64 * period_ns).round() as i64)
 }
 
 /// Displaces features and pose by `size_px`, in the direction of the fault.
@@ -187,5 +214,39 @@ mod tests {
         let ids: Vec<u64> = m.features().iter().map(|f| f.id).collect();
         assert_eq!(ids, [0, 1, 2, 3], "their ids rise");
         assert_eq!(m.features().iter().filter(|f| f.x != f.id as f64).count(), 2);
+    }
+
+    /// The noise has the standard deviation that was asked for, is new in each frame, and the same where a point is found twice in one.
+    #[test]
+    fn noise_of_points_is_as_large_as_asked_for() {
+        let window =
+            FaultWindow { from: SpanNs(0), until: SpanNs(10_000_000_000), probability: 1.0, seed: 0 };
+        let list = [(MeasurementFault::PointNoise(3.0), window)];
+        let faults = MeasurementFaults::new(&list, 5, 25.0, Vector2::new(800.0, 800.0));
+        let dot = |id| Detection {
+            id,
+            px: Vector2::zeros(),
+            sd_px: 0.02,
+            area_px2: 100.0,
+            covariance_px2: [8.0, 0.0, 8.0],
+            dark_level: 20.0,
+            plate_level: 200.0,
+            disturbance_px: 0.0,
+        };
+        let at = |camera, id| {
+            let mut points: Vec<_> = (0..4).map(dot).collect();
+            faults.disturb(camera, id, &mut points);
+            points
+        };
+        let all: Vec<f64> = (0..250).flat_map(|id| at(0, id)).flat_map(|dot| [dot.px.x, dot.px.y]).collect();
+        let count = all.len() as f64;
+        let (mean, square) =
+            (all.iter().sum::<f64>() / count, all.iter().map(|x| x * x).sum::<f64>() / count);
+        // Four standard deviations of the mean and of the mean square of 2000 numbers.
+        assert!(mean.abs() < 4.0 * 3.0 / count.sqrt(), "{mean}");
+        assert!((square / 9.0 - 1.0).abs() < 4.0 * (2.0 / count).sqrt(), "{square}");
+        assert_eq!(at(0, 7)[2].px, at(0, 7)[2].px);
+        assert!(at(0, 7)[2].px != at(1, 7)[2].px && at(0, 7)[2].px != at(0, 8)[2].px);
+        assert_eq!(at(0, 250)[0].px, Vector2::zeros(), "it is over");
     }
 }

@@ -9,7 +9,7 @@
 //! | who | puts in | where |
 //! | --- | --- | --- |
 //! | [`FrameFaults`] | frames that are lost, late, repeated, dark, white, torn, corrupt, wrongly stamped, with a second target | the camera's schedule, and its images ([`ImageDamage`]) |
-//! | [`MeasurementFaults`] | measurements that are stale, overtaken, displaced, mislabelled | the last step of vision |
+//! | [`MeasurementFaults`] | measurements that are stale, overtaken, displaced, mislabelled; noise of points | the last step of vision; before their pose is computed |
 //! | [`JointFaults`] | encoders that leap, freeze or shift, torque and commands that are lost, states that are stale | the simulated arm |
 //! | [`ProcessFaults`] | camera or vision dies, hangs, is slow | the process itself, in real time |
 //!

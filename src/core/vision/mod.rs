@@ -296,6 +296,9 @@ impl Vision {
         if self.estimator.settings.track && self.expect(frame.header.exposure, prior) {
             let last = self.last.as_ref().map(|seen| &seen.estimate);
             in_windows = self.finder.track(&frame.image, &self.expected, &mut self.tracked.dots);
+            if let Some(faults) = &self.faults {
+                faults.disturb(0, frame.header.frame_id, &mut self.tracked.dots);
+            }
             if in_windows {
                 self.estimator.describe(&mut self.tracked, &self.finder, prior, last, &self.expected);
                 believed = self.estimator.believes(&self.tracked);
@@ -308,7 +311,7 @@ impl Vision {
                 }
             }
         }
-        match self.finder.search(&frame.image, &mut self.searched.dots) {
+        match self.search(frame) {
             Ok(()) => {
                 let last = self.last.as_ref().map(|seen| &seen.estimate);
                 self.estimator.describe(&mut self.searched, &self.finder, prior, last, &[]);
@@ -319,6 +322,15 @@ impl Vision {
             Err(_) if in_windows => Ok(false),
             Err(status) => Err(status),
         }
+    }
+
+    /// Searches the whole frame.
+    fn search(&mut self, frame: &Frame<'_>) -> Result<(), TargetStatus> {
+        self.finder.search(&frame.image, &mut self.searched.dots)?;
+        if let Some(faults) = &self.faults {
+            faults.disturb(0, frame.header.frame_id, &mut self.searched.dots);
+        }
+        Ok(())
     }
 
     /// Why there is no target, where the search says `status`: whether frames are mirrored is looked at as long as the target was never found.
@@ -342,7 +354,7 @@ impl Vision {
         }
         if !fits {
             // All points count: a model error makes all of them uncertain, and leaving out some hides it.
-            self.finder.search(&frame.image, &mut self.searched.dots).ok()?;
+            self.search(frame).ok()?;
             let last = self.last.as_ref().map(|seen| &seen.estimate);
             self.estimator.describe_all(&mut self.searched, &self.finder, prior, last);
         }

@@ -36,6 +36,8 @@ word! {
         Jump,
         /// Two features of measurements have each other's ids.
         Mislabelled,
+        /// Points in the image are off by noise, each by its own.
+        PointNoise,
         /// A joint's encoder is off, one way or the other by chance, in single states.
         EncoderSpike,
         /// A joint's encoder stays where it was.
@@ -70,7 +72,7 @@ table! {
         probability: f64 = 1.0,
         /// `delay`, `process_slows`: by how much frames are later, ms; 100 where it is left out. `clock_jump`: by how much stamps are late, or early where it is negative; 200.
         delay_ms: Option<f64> = None,
-        /// `jump`: by how much measurements are displaced, px; 20 where it is left out. `false_target`: by how much what is seen a second time is; 60.
+        /// `jump`: by how much measurements are displaced, px; 20 where it is left out. `false_target`: by how much what is seen a second time is; 60. `point_noise`: the standard deviation; 1.
         size_px: Option<f64> = None,
         /// `encoder_spike`, `encoder_offset`: by how much the encoder is off, rad or m; 0.02 where it is left out.
         size_rad_or_m: Option<f64> = None,

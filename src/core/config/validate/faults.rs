@@ -65,7 +65,7 @@ fn fault(
     let (takes, of_drive): (&[&str], bool) = match kind {
         FaultKind::Delay | FaultKind::ClockJump => (&["delay_ms"], false),
         FaultKind::Corrupt => (&["share"], false),
-        FaultKind::Jump | FaultKind::FalseTarget => (&["size_px"], false),
+        FaultKind::Jump | FaultKind::FalseTarget | FaultKind::PointNoise => (&["size_px"], false),
         FaultKind::EncoderSpike | FaultKind::EncoderOffset => (&["size_rad_or_m", "joint"], true),
         FaultKind::EncoderFreeze => (&["joint"], true),
         FaultKind::TorqueLoss => (&["share", "joint"], true),
@@ -120,6 +120,9 @@ fn fault(
         FaultKind::Overtaken => return all.measurements.push((MeasurementFault::Overtaken, window)),
         FaultKind::Jump => {
             return all.measurements.push((MeasurementFault::Jump(sized(size_px, 20.0)), window));
+        }
+        FaultKind::PointNoise => {
+            return all.measurements.push((MeasurementFault::PointNoise(sized(size_px, 1.0)), window));
         }
         FaultKind::Mislabelled => return all.measurements.push((MeasurementFault::Mislabelled, window)),
         FaultKind::EncoderSpike => {

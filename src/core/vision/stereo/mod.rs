@@ -135,6 +135,9 @@ impl StereoVision {
     pub fn look(&mut self, side: Side, frame: &Frame<'_>) {
         let mut found = self.spare.pop().unwrap_or_else(|| Vec::with_capacity(self.room));
         let miss = self.find(side, &frame.image, &mut found).err();
+        if let Some(faults) = &self.faults {
+            faults.disturb(side as u64, frame.header.frame_id, &mut found);
+        }
         self.pairing.file(
             side,
             frame.header.exposure,
