@@ -79,6 +79,8 @@ pub(super) struct ReturnWatch<const N: usize> {
     has_searched: bool,
     /// Whether the last measurement says that the target is elsewhere.
     elsewhere: bool,
+    /// Whether it says where the target is, so that the view is lost because that is refused: no other way helps against it.
+    is_found: bool,
     /// Whether it was told that nobody knows where the target is.
     told: bool,
     /// Whether the goal's target is another one than the arm servoed on last, and so may be far from where the arm is.
@@ -98,6 +100,7 @@ impl<const N: usize> ReturnWatch<N> {
             verdict,
             MeasurementVerdict::TooFewFeatures | MeasurementVerdict::NoTask(NoTask::TooFew)
         );
+        self.is_found = m.found();
         self.elsewhere = is_cut_off || is_elsewhere(m.target_status());
     }
 
@@ -148,7 +151,7 @@ impl<const N: usize> Controller<N> {
         // Only one return for each loss of the view: noise about the end of the way back must not start another one. After a search the arm goes back once more.
         let is_new = self.state == State::Holding && before == State::Servoing && !r.to_begin;
         let losses = if is_new { r.losses.after(self.reference.state().q, now) } else { r.losses };
-        if is_new && losses.in_a_row >= OTHER_WAY_AFTER {
+        if is_new && !r.is_found && losses.in_a_row >= OTHER_WAY_AFTER {
             let _ = self.try_another_way();
         }
         let is_for_ever = losses.is_for_ever() && is_away(self.state);
@@ -182,6 +185,7 @@ impl<const N: usize> Controller<N> {
             search: search.filter(|_| searches),
             has_searched: is_away(self.state) && (r.has_searched || searches),
             elsewhere: r.elsewhere,
+            is_found: r.is_found,
             told: lost || (r.told && self.servo.looks_for_another()),
             is_other: r.is_other && self.state != State::Servoing,
             waited: self.state == State::Waiting,
