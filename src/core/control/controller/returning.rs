@@ -151,7 +151,7 @@ impl<const N: usize> Controller<N> {
         // Only one return for each loss of the view: noise about the end of the way back must not start another one. After a search the arm goes back once more.
         let is_new = self.state == State::Holding && before == State::Servoing && !r.to_begin;
         let losses = if is_new { r.losses.after(self.reference.state().q, now) } else { r.losses };
-        if is_new && !r.is_found && losses.in_a_row >= OTHER_WAY_AFTER {
+        if is_new && (r.elsewhere || !r.is_found) && losses.in_a_row >= OTHER_WAY_AFTER {
             let _ = self.try_another_way();
         }
         let is_for_ever = losses.is_for_ever() && is_away(self.state);
