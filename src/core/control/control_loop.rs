@@ -332,9 +332,7 @@ impl<const N: usize> ControlLoop<N> {
             ControlOrder::ReduceGain => {
                 let _ = self.controller.reduce_gain();
             }
-            ControlOrder::TryAnotherWay => {
-                let _ = self.controller.try_another_way();
-            }
+            ControlOrder::TryAnotherWay => self.controller.try_another_way(),
             ControlOrder::RestoreGain => self.controller.restore_gain(),
         }
     }

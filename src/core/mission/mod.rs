@@ -255,7 +255,7 @@ impl<const N: usize> Mission<N> {
                 Event::Requested(Request::Start) => {
                     self.views.iter_mut().for_each(RunViewLog::begin_anew);
                     self.watch_goals_anew();
-                    self.is_reduced = false;
+                    (self.is_reduced, self.way_asked) = (false, false);
                     // What an earlier start came to says nothing about this one.
                     self.residual.begin_anew();
                 }

@@ -149,6 +149,11 @@ impl<const N: usize> Behaviour<N> {
         matches!(self, Self::Servoing(servoing) if servoing.is_dry())
     }
 
+    /// Whether the arm moves by the law.
+    pub(in crate::control) fn goes_by_law(&self) -> bool {
+        matches!(self, Self::Servoing(servoing) if !servoing.is_dry())
+    }
+
     /// Appends a waypoint, rad or m. Without room for it, or in another behaviour, it changes nothing.
     pub fn add_waypoint(&mut self, q: &SVector<f64, N>) {
         if let Self::Waypoints(waypoints) = self {

@@ -152,7 +152,7 @@ impl<const N: usize> Controller<N> {
         let is_new = self.state == State::Holding && before == State::Servoing && !r.to_begin;
         let losses = if is_new { r.losses.after(self.reference.state().q, now) } else { r.losses };
         if is_new && (r.elsewhere || !r.is_found) && losses.in_a_row >= OTHER_WAY_AFTER {
-            let _ = self.try_another_way();
+            self.try_another_way();
         }
         let is_for_ever = losses.is_for_ever() && is_away(self.state);
         if is_new && is_for_ever && left.is_some() {
@@ -194,19 +194,18 @@ impl<const N: usize> Controller<N> {
         };
     }
 
-    /// Has the law go another way to this goal, once, from where it began, which is reported as an event. Returns whether it does.
-    pub fn try_another_way(&mut self) -> bool {
-        let away = matches!(self.state, State::Holding | State::Returning | State::Servoing);
-        if self.returning.asked_way.is_some() || !away || self.behaviour.is_dry() {
-            return false;
+    /// Has the law go another way to this goal, once, from where it began, which is reported as an event. Not where somebody else commands the arm in its place.
+    pub(in crate::control) fn try_another_way(&mut self) {
+        let goes_by_law = matches!(self.state, State::Holding | State::Returning | State::Servoing)
+            && self.behaviour.goes_by_law();
+        if self.returning.asked_way.is_some() || !goes_by_law {
+            return;
         }
         self.returning.asked_way = self.servo.take_other_interaction();
-        let does = self.returning.asked_way.is_some();
-        if does {
+        if self.returning.asked_way.is_some() {
             self.returning.to_begin = true;
             self.events.push(Event::AnotherWay);
         }
-        does
     }
 
     /// Another goal may be reached by the law as it was asked for.
@@ -228,10 +227,10 @@ impl<const N: usize> Controller<N> {
         (begins && self.servo.seen_place().is_some()).then(|| SearchMotion::new(now, longest))
     }
 
-    /// The velocity `qd`, rad/s or m/s, of a way back. The way to a target that was seen some time ago, or from the end of a search, may be long and passes where the arm has not
+    /// The velocity `qd`, rad/s or m/s, of a way back. The way to where the law began, to a target that was seen some time ago, or from the end of a search, may be long and passes where the arm has not
     /// just been: it is as slow as any motion to a posture.
     pub(super) fn pace_of_return(&self, qd: SVector<f64, N>) -> SVector<f64, N> {
-        if !self.servo.looks_for_another() && !self.returning.has_searched {
+        if !self.servo.looks_for_another() && !self.returning.has_searched && !self.returning.to_begin {
             return qd;
         }
         qd * within_share(&qd, &self.arm.limits.velocity)
