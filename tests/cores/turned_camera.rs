@@ -1,5 +1,5 @@
 //! Cameras whose mount is not what the run file says, such that each law leads away from its goal: turned about their optical axes by 80 degrees and more, or with other
-//! axes. The arm is stopped in its first centimetre, with what would mend it; with less no run ends so. Cells, angles, goals and lenses of the second half are drawn; nothing was tuned on them.
+//! axes; and lenses that are half or twice as long as told. The arm is stopped in its first centimetre, with what would mend it; with less no run ends so. Cells, angles, goals and lenses of the second half are drawn; nothing was tuned on them.
 
 #![allow(clippy::unwrap_used, clippy::panic, clippy::print_stdout)] // helpers of tests; numbers for people
 
@@ -116,6 +116,47 @@ fn of_drawn_wrong_mounts_38_of_40_stop_within_a_centimetre() {
 #[test]
 fn of_80_further_wrong_mounts_76_stop_within_a_centimetre() {
     assert!(told_of(80, 57_003) >= 76);
+}
+
+/// Starts beside that of the run file, and a lens that is told to be half or twice as long as it is: the words that tell it, and the keys.
+fn wrong_lens(file: &str, random: &mut Random) -> (&'static str, Vec<String>) {
+    let start: &[f64] = match file {
+        "ur5" | "ur5-b" => &[0.4617, -1.7204, 1.4481, -1.2809, -1.8176, 0.9664],
+        "panda" => &[-0.1577, -0.5223, -0.1384, -2.1133, 0.0871, 1.7882, 0.2074],
+        _ => &[-0.1654, -0.4768, -0.2019, 1.5334, 0.0772, 1.8184, 0.1747],
+    };
+    let start: Vec<f64> = start.iter().map(|q| q + random.between(-0.04, 0.04)).collect();
+    let (told, words) =
+        if random.between(0.0, 1.0) < 0.5 { (400, "much longer") } else { (1600, "much shorter") };
+    let lens = |section: &str, f: i32| format!("{section}.lens={{fx_px={f},fy_px={f}}}");
+    // A goal that fits into the image of the longer one, too.
+    let mut by = |reach: f64| random.between(-reach, reach);
+    let goal = [-0.05 + by(0.01), -0.05 + by(0.01), 0.45 + by(0.04)];
+    let set = vec![
+        format!("robot.q_start_rad_or_m={start:?}"),
+        format!("servo.desired.position_m={goal:?}"),
+        format!("run.seed={}", random.between(0.0, 1e6) as u32),
+        "run.duration_s=10".to_owned(),
+        lens("camera", told),
+        lens("scene.camera", 800),
+    ];
+    (words, set)
+}
+
+#[test]
+fn of_40_drawn_wrong_lenses_36_stop_within_a_centimetre() {
+    let (mut random, mut told) = (Random::new(58_001), 0);
+    for k in 0..40 {
+        let file = ["ur5", "panda", "xarm7", "ur5-b"][k % 4];
+        let (words, set) = wrong_lens(file, &mut random);
+        let (outcome, reason, farthest) = ran(file, &set);
+        if outcome == Outcome::Fault && reason.contains(words) && farthest < 0.01 {
+            told += 1;
+        } else {
+            println!("{file} {set:?}: {outcome:?} after {:.1} mm, {reason}", 1e3 * farthest);
+        }
+    }
+    assert!(told >= 36, "{told}");
 }
 
 #[test]

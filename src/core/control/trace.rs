@@ -240,6 +240,8 @@ pub enum Event {
     AnotherWay,
     /// The camera is moved a little to tell a wrong mount from one that is askew.
     MountTried,
+    /// The camera is turned a little, and back, to tell a lens that is not as told from a target that is.
+    LensTried,
     /// Of two cameras that control the arm the first one does not see its target: the arm goes by the second.
     FirstViewMissing,
     /// The same of the second one.
@@ -281,6 +283,7 @@ impl Event {
             Self::LostAgain => "lost_again",
             Self::AnotherWay => "another_way",
             Self::MountTried => "mount_tried",
+            Self::LensTried => "lens_tried",
             Self::FirstViewMissing => "first_view_missing",
             Self::SecondViewMissing => "second_view_missing",
             Self::BothViews => "both_views",

@@ -224,6 +224,9 @@ pub fn describe(event: Event) -> String {
         Event::MountTried => {
             "the image moved as before a camera whose mount is wrong, or askew: the arm moves the camera back a little, without a turn, to tell which"
         }
+        Event::LensTried => {
+            "the image moved as before a target or by a lens of another size than is told: the camera is turned by a third of a degree, and back, to tell which"
+        }
         Event::FirstViewMissing => "the first camera does not see its target: the arm goes by the second one",
         Event::SecondViewMissing => {
             "the second camera does not see its target: the arm goes by the first one"

@@ -6,7 +6,7 @@ use nalgebra::SVector;
 
 /// Displacement of the camera from which on its motion is not slowed down any more, once it was seen, m. Chosen by hand: ten times what a wrong mount is told by where nothing is hidden and
 /// nothing leaps; a target that is so far away that its image has not moved by then is none that the arm comes to soon.
-const WAY_M: f64 = 0.1;
+pub(super) const WAY_M: f64 = 0.1;
 /// The same of its turn, rad. Derived: it moves the image as much as [`WAY_M`] does at [`REACH_M`].
 const TURN: f64 = 0.2;
 /// Distance at which a turn of the camera counts as much as its way, m. Chosen by hand: where targets mostly are.

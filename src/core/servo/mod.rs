@@ -105,7 +105,7 @@ pub use jacobian_estimator::{CautiousTask, Innovation, JacobianEstimator};
 pub use jacobian_learner::EstimationSettings;
 pub use law::{Arm, Damping, Law, LawOutput, NoTask, Task};
 pub use measurement_verdict::MeasurementVerdict;
-pub use motion_agreement::MountError;
+pub use motion_agreement::CameraError;
 pub use null_space::{away_from_limits, seek_null_motion};
 pub use object_motion::{ObjectDynamics, ObjectMotion};
 pub use orientation::{OrientationError, euler_zyx};

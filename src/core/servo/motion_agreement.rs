@@ -13,6 +13,7 @@
 //! features moved while the arm stood, the believed camera may explain the image with that motion going on, too. An object that goes twice as fast as the arm that follows it would look like a camera
 //! that is turned by 180 degrees otherwise. Where an arm began to move with its first view nothing is known of that: it pauses then, and what moves before a camera that stands is the object.
 
+mod lens;
 mod probe;
 mod strain;
 mod wrong_mount;
@@ -20,10 +21,11 @@ mod wrong_mount;
 use super::{SetPoint, View};
 use crate::geometry::Pose;
 use crate::time::{MonoNs, SpanNs};
+use lens::LensWatch;
 use nalgebra::Vector3;
 use probe::{MountProbe, MountProbeResult};
-use strain::{CREDIBLE, SeenMotion, strain};
-pub use wrong_mount::MountError;
+use strain::{SeenMotion, is_credible};
+pub use wrong_mount::CameraError;
 use wrong_mount::wrong_mounts;
 
 /// Displacement of the features from which on they are judged, root mean square, normalized coordinates: a pixel of a lens of 800 px, fifteen times the noise of a dot, which leaves 1 % of its square. Chosen by hand:
@@ -65,7 +67,7 @@ enum MountJudgement {
     Agrees,
     /// This motion tells nothing more of it.
     GivenUp,
-    Wrong(MountError),
+    Wrong(CameraError),
 }
 
 /// A view, when it was exposed, and where the camera was then.
@@ -98,7 +100,7 @@ struct Standing {
 #[derive(Debug, Clone, Copy)]
 struct Pause {
     /// How the mount is wrong otherwise.
-    error: MountError,
+    error: CameraError,
     /// The exposure of the view after which it pauses.
     since: MonoNs,
     /// The first view from where the arm stands.
@@ -118,8 +120,9 @@ pub(super) struct MotionAgreement {
     moves: bool,
     standing: Option<Standing>,
     /// What was seen once, and the displacement at that time.
-    suspicion: Option<(MountError, f64)>,
+    suspicion: Option<(CameraError, f64)>,
     judgement: MountJudgement,
+    lens: LensWatch,
 }
 
 impl MotionAgreement {
@@ -143,14 +146,26 @@ impl MotionAgreement {
         self.pause.is_some()
     }
 
-    /// Whether the arm is to move as it is told here.
+    /// Whether the arm is to move as it is told here, to try the mount.
     pub(super) fn probes(&self) -> bool {
         self.probe.is_some()
     }
 
-    /// The velocity that a camera at `X_WC` is to have in place of what the law gives it, in the frame in which the object rests, m/s; without a turn.
-    pub(super) fn probe_velocity(&mut self, X_WC: &Pose) -> Option<Vector3<f64>> {
-        self.probe.as_mut().map(|probe| probe.velocity(X_WC))
+    /// The same to try the lens.
+    pub(super) fn tries_lens(&self) -> bool {
+        self.lens.probes()
+    }
+
+    /// The velocity, m/s, and the angular velocity, rad/s, that a camera at `X_WC` is to have in its own frame in place of what the law gives it.
+    pub(super) fn probe_twist_C(&mut self, X_WC: &Pose) -> Option<(Vector3<f64>, Vector3<f64>)> {
+        let turn_C = self.lens.angular_velocity_C(X_WC).map(|turn_C| (Vector3::zeros(), turn_C));
+        let way_C = |probe: &mut MountProbe| X_WC.rotation.inverse_transform_vector(&probe.velocity(X_WC));
+        self.probe.as_mut().map(|probe| (way_C(probe), Vector3::zeros())).or(turn_C)
+    }
+
+    /// The arm cannot turn the camera as it is told here.
+    pub(super) fn cannot_turn(&mut self) {
+        self.lens.end();
     }
 
     /// The law moves the arm from now on.
@@ -160,6 +175,7 @@ impl MotionAgreement {
 
     /// The law does not move the arm: what is not settled is judged anew when it does, since the object may be put elsewhere meanwhile. Returns whether it is not settled.
     pub(super) fn interrupt(&mut self) -> bool {
+        self.lens.interrupt();
         if self.judgement == MountJudgement::Agrees {
             return false;
         }
@@ -170,16 +186,25 @@ impl MotionAgreement {
 
     /// Takes in a view measured at `exposure`, with the pose of the camera at that time in the frame in which the object rests.
     pub(super) fn note(&mut self, exposure: MonoNs, view: &View, X_WC: &Pose, set_point: &SetPoint) {
-        if self.is_judged() {
-            return;
-        }
         let now = Sighting { exposure, view: *view, X_WC: *X_WC };
+        let judges_mount = !self.is_judged() && !self.lens.probes();
+        let is_open = judges_mount && self.judge_mount(now, set_point);
+        // Where nothing explains what was seen the lens may do so.
+        let may_be_lens = is_open || self.lens.probes() || self.judgement == MountJudgement::Agrees;
+        if let (true, true, Some(standing)) = (may_be_lens, self.moves, &self.standing) {
+            self.lens.note(&standing.last, now, self.may_probe, set_point);
+        }
+    }
+
+    /// Judges the mount, and returns whether neither the believed camera nor one whose mount is wrong explains what was seen.
+    fn judge_mount(&mut self, now: Sighting, set_point: &SetPoint) -> bool {
+        let Sighting { exposure, view, X_WC } = now;
         let foretells = now.foretells();
         if let Some(pause) = &mut self.pause {
             if let Some(judgement) = pause.judge(now, set_point) {
                 (self.judgement, self.pause) = (judgement, None);
             }
-            return;
+            return false;
         }
         if let Some(probe) = &mut self.probe {
             let error = probe.error();
@@ -191,7 +216,7 @@ impl MotionAgreement {
                     MountProbeResult::Unknown => self.accuse(error, exposure),
                 }
             }
-            return;
+            return false;
         }
         let standing = match &mut self.standing {
             Some(standing) if self.moves => *standing,
@@ -199,34 +224,34 @@ impl MotionAgreement {
                 if foretells {
                     Standing::note(standing, now);
                 }
-                return;
+                return false;
             }
         };
         let Sighting { exposure: since, view: base, X_WC: X_WB } = standing.last;
         let X_CB = X_WC.inv_mul(&X_WB);
-        let Some(FeatureMotion { moved, seen, left }) = feature_motion(&base, &X_CB, view, set_point) else {
-            return;
+        let Some(FeatureMotion { moved, seen, left }) = feature_motion(&base, &X_CB, &view, set_point) else {
+            return false;
         };
         if is_still(&X_CB) && seen > JUDGED {
             self.judgement = MountJudgement::GivenUp;
-            return;
+            return false;
         }
         if moved < STANDS * JUDGED {
             if foretells && exposure - since >= STANDS_FOR {
                 Standing::note(&mut self.standing, now);
             }
-            return;
+            return false;
         }
         let object = standing.motion_until(exposure);
         if moved.max(seen) < JUDGED || seen < STANDS * JUDGED {
             self.give_up(moved);
-            return;
+            return true;
         }
         let is_explained = |left: f64| left < EXPLAINED * seen * seen;
         // Mostly the believed camera explains all.
         if is_explained(left) {
             self.judgement = MountJudgement::Agrees;
-            return;
+            return false;
         }
         // Translations count by their share of the depth.
         let of_depth = |k: i32| {
@@ -235,12 +260,12 @@ impl MotionAgreement {
             let Some(predicted) = base.predicted_at(&X_CB, set_point) else { return left };
             let resting = OwnMotion { before: &base, times: 0.0 };
             let explained = [resting, object.unwrap_or(resting)]
-                .map(|object| feature_motion_beside(&base, &predicted, view, object));
+                .map(|object| feature_motion_beside(&base, &predicted, &view, object));
             explained.into_iter().flatten().map(|motion| motion.left).fold(left, f64::min)
         };
         let left = (-DEPTHS..=DEPTHS).map(of_depth).fold(left, f64::min);
         let least = wrong_mounts().filter_map(|(mount, error)| {
-            let motion = feature_motion(&base, &mount.motion(&X_CB), view, set_point)?;
+            let motion = feature_motion(&base, &mount.motion(&X_CB), &view, set_point)?;
             Some((motion.left, mount, error))
         });
         let best = least.min_by(|(a, ..), (b, ..)| a.total_cmp(b));
@@ -250,16 +275,15 @@ impl MotionAgreement {
         match (self.suspicion, seen_now) {
             (Some((before, at)), Some((mount, error))) if before == error => {
                 if moved >= GROWN * at {
-                    let first = SeenMotion { base, X_CB, view: *view };
-                    let may_be_askew =
-                        self.may_probe && strain(&[first], set_point).is_some_and(|x| x < CREDIBLE);
+                    let first = SeenMotion { base, X_CB, view };
+                    let may_be_askew = self.may_probe && is_credible(&[first], set_point);
                     let suspect = (mount, error);
                     self.probe =
                         may_be_askew.then(|| MountProbe::new(suspect, first, &now, set_point)).flatten();
                     if self.probe.is_none() {
                         self.accuse(error, exposure);
                     }
-                    return;
+                    return false;
                 }
             }
             // A view that nothing explains, as by a measurement that leaps, says nothing of what was seen before it.
@@ -271,10 +295,11 @@ impl MotionAgreement {
         } else {
             self.give_up(moved);
         }
+        self.suspicion.is_none() && seen_now.is_none()
     }
 
     /// The mount is wrong, unless it is the object that moves: where nothing is known of that after a view at `exposure`, the arm pauses.
-    fn accuse(&mut self, error: MountError, exposure: MonoNs) {
+    fn accuse(&mut self, error: CameraError, exposure: MonoNs) {
         let knows_nothing = self.standing.is_some_and(|standing| standing.shows_no_motion());
         if self.may_pause && knows_nothing {
             self.pause = Some(Pause { error, since: exposure, first: None });
@@ -290,11 +315,11 @@ impl MotionAgreement {
         }
     }
 
-    /// How the camera's mount is wrong; `None` where it is not, and before that is judged.
-    pub(super) fn error(&self) -> Option<MountError> {
+    /// How the camera's mount or lens is wrong; `None` where it is not, and before that is judged.
+    pub(super) fn error(&self) -> Option<CameraError> {
         match self.judgement {
             MountJudgement::Wrong(error) => Some(error),
-            _ => None,
+            _ => self.lens.error(),
         }
     }
 

@@ -120,8 +120,8 @@ impl<const N: usize> Controller<N> {
         let Some(second) = &mut self.second else { return MeasurementVerdict::OtherFeatures };
         let verdict = second.servo.add_measurement(now, m, &self.arm.robot);
         second.servoing.note(now, m, verdict);
-        let (drift, mount_error) = (second.servo.take_unobserved_motion(), second.servo.mount_error());
-        self.use_sight(now, drift.as_ref(), mount_error);
+        let (drift, camera_error) = (second.servo.take_unobserved_motion(), second.servo.camera_error());
+        self.use_sight(now, drift.as_ref(), camera_error);
         verdict
     }
 

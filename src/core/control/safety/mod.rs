@@ -13,6 +13,7 @@
 //! | before a drive that obeys torques: an encoder's reading leaps, or stays the same in motion, for up to 30 ticks | the joint is believed to do what it was told, and the run goes on |
 //! | for longer | fault; a joint whose encoder is frozen is braked by what it is told, and not by its encoder (`encoders.rs`) |
 //! | the first motion of the image is that of a camera which is turned by 70 degrees and more against its mount (`servo/motion_agreement.rs`) | likewise |
+//! | the first motion of the image, and a small turn of the camera, are those of a lens that is more than 1.6 times as long or as short as told (`servo/motion_agreement/lens.rs`) | likewise |
 //! | something touches the arm: a torque from outside of nine standard deviations, or a drive's lag of as many (`safety.contact`) | likewise; goes back by what it pressed or more, or floats |
 //! | a checked point of the arm, as commanded or measured, is beyond a plane of `[workspace]` for 5 ms (`gate/space_bound.rs`), or camera or flange are commanded too fast | likewise |
 //! | commands had to be changed before the drive for 100 ms, or are not finite | likewise |
@@ -45,7 +46,7 @@ pub use rest::RestWatch;
 
 use crate::drive::DriveFault;
 use crate::messages::RobotState;
-use crate::servo::MountError;
+use crate::servo::CameraError;
 
 /// The same words for each turn of a camera.
 macro_rules! turned_camera {
@@ -54,6 +55,17 @@ macro_rules! turned_camera {
             "the image moves as if the camera were turned about its optical axis against its mount, by about ",
             $degrees,
             " degrees, so that the arm went away from its goal: turn camera.mount by as much about its z, or find it with `vservo calibrate hand-eye`"
+        )
+    };
+}
+
+/// The same words for a lens that is longer or shorter.
+macro_rules! wrong_lens {
+    ($how:literal) => {
+        concat!(
+            "the image moves as one of a lens that is much ",
+            $how,
+            " than camera.lens says, by half and more, so that the arm would not come to its goal: see to fx_px and fy_px (are they those of this lens, and of images of this size?), or find them with              `vservo calibrate camera`; `vservo run --uncalibrated` needs none"
         )
     };
 }
@@ -95,6 +107,10 @@ pub enum Fault {
     CameraTurned270,
     /// The same as if the camera's axes were others, or had other signs.
     CameraAxesExchanged,
+    /// The image moves as one of a lens that is much longer than `camera.lens` says.
+    LensLonger,
+    /// The same of a much shorter one.
+    LensShorter,
     /// The encoder of a joint stands still while the joint moves.
     EncoderFrozen,
     /// A part of the arm is beyond a plane that it must not pass.
@@ -121,7 +137,7 @@ pub enum Fault {
 
 impl Fault {
     /// All faults, with their codes in the protocol of the messages; those of a drive are 17 to 20. A code never changes its meaning.
-    const CODES: [(Self, u32); 31] = [
+    const CODES: [(Self, u32); 33] = [
         (Self::DriveStateNotFinite, 1),
         (Self::DriveStateImplausible, 2),
         (Self::TrackingError, 3),
@@ -141,6 +157,8 @@ impl Fault {
         (Self::CameraTurned270, 22),
         (Self::CameraAxesExchanged, 23),
         (Self::EncoderFrozen, 24),
+        (Self::LensLonger, 25),
+        (Self::LensShorter, 26),
         (Self::LeavesWorkspace, 30),
         (Self::TooFastInSpace, 31),
         (Self::RobotProtectiveStop, 32),
@@ -168,14 +186,16 @@ impl Fault {
         }
     }
 
-    /// That of a camera whose mount is wrong.
+    /// That of a camera that is not as told.
     #[must_use]
-    pub fn of_mount(error: MountError) -> Self {
+    pub fn of_camera(error: CameraError) -> Self {
         match error {
-            MountError::Turned(0 | 1) => Self::CameraTurned90,
-            MountError::Turned(2) => Self::CameraTurned180,
-            MountError::Turned(_) => Self::CameraTurned270,
-            MountError::OtherAxes => Self::CameraAxesExchanged,
+            CameraError::Turned(0 | 1) => Self::CameraTurned90,
+            CameraError::Turned(2) => Self::CameraTurned180,
+            CameraError::Turned(_) => Self::CameraTurned270,
+            CameraError::OtherAxes => Self::CameraAxesExchanged,
+            CameraError::LongerLens => Self::LensLonger,
+            CameraError::ShorterLens => Self::LensShorter,
         }
     }
 
@@ -262,6 +282,8 @@ impl Fault {
                 "the image moves as if the camera had other axes than camera.mount says, or some of other signs, or as if it were mirrored, so that the arm went away from its goal: see to \
                  the frame of the mount (z along the optical axis, x to the right of the image, y down), or find it with `vservo calibrate hand-eye`; switch the mirroring of images off"
             }
+            Self::LensLonger => wrong_lens!("longer"),
+            Self::LensShorter => wrong_lens!("shorter"),
             Self::LeavesWorkspace => {
                 "a part of the arm is beyond a plane or box of [workspace], or in another part: lead it back by `vservo ctl goto` or `jog` after a reset, or correct the plane; \
                  an arm that passed it in motion follows worse than workspace.margin_m allows"

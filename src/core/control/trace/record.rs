@@ -165,7 +165,7 @@ fn events_of(events: u32) -> impl Iterator<Item = Event> {
 }
 
 /// The events by [`event_number`], each fault and each request by one of them: which it was is not in its bit.
-const EVENTS: [Event; 30] = [
+const EVENTS: [Event; 31] = [
     Event::Holding,
     Event::Resumed,
     Event::Stopping,
@@ -196,6 +196,7 @@ const EVENTS: [Event; 30] = [
     Event::StillMoves,
     Event::AnotherWay,
     Event::MountTried,
+    Event::LensTried,
 ];
 
 fn event_number(event: Event) -> u32 {
@@ -230,6 +231,7 @@ fn event_number(event: Event) -> u32 {
         Event::StillMoves => 27,
         Event::AnotherWay => 28,
         Event::MountTried => 29,
+        Event::LensTried => 30,
     }
 }
 

@@ -5,8 +5,8 @@
 //! it came from, by as much as moves the image by two pixels, and the description has to explain both motions by one error ([`strain`]). Back, since that does not take the arm farther from where it began,
 //! and since the target was in view there.
 
-use super::strain::{CREDIBLE, SeenMotion, strain};
-use super::wrong_mount::{MountError, WrongMount};
+use super::strain::{SeenMotion, is_credible};
+use super::wrong_mount::{CameraError, WrongMount};
 use super::{JUDGED, SetPoint, Sighting, View, feature_motion};
 use crate::geometry::Pose;
 use crate::servo::first_motion::REACH_M;
@@ -51,7 +51,7 @@ pub(super) enum MountProbeResult {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct MountProbe {
     mount: WrongMount,
-    error: MountError,
+    error: CameraError,
     /// The motion after which nobody can tell.
     first: SeenMotion,
     /// Where the camera was at its begin, and the exposure at its end.
@@ -71,7 +71,7 @@ pub(super) struct MountProbe {
 impl MountProbe {
     /// A probe from the end of the motion `first`, where the camera was at `now`, of a suspected mount, which is told as an error. `None` where no motion tells anything.
     pub(super) fn new(
-        (mount, error): (WrongMount, MountError),
+        (mount, error): (WrongMount, CameraError),
         first: SeenMotion,
         now: &Sighting,
         set_point: &SetPoint,
@@ -98,7 +98,7 @@ impl MountProbe {
     }
 
     /// How the mount is wrong, if it is.
-    pub(super) fn error(&self) -> MountError {
+    pub(super) fn error(&self) -> CameraError {
         self.error
     }
 
@@ -149,8 +149,7 @@ impl MountProbe {
         // From before the first motion to now: without it a view that leaps would stand for where the camera turned back.
         let since_base =
             SeenMotion { base: self.first.base, X_CB: now.X_WC.inv_mul(&self.X_WB), view: now.view };
-        let strain = strain(&[self.first, second, since_base], set_point);
-        if strain.is_some_and(|strain| strain < CREDIBLE) {
+        if is_credible(&[self.first, second, since_base], set_point) {
             return Some(MountProbeResult::Askew);
         }
         let motion = feature_motion(&second.base, &self.mount.motion(&X_CB), &second.view, set_point)?;
@@ -182,4 +181,4 @@ fn told_by(
 }
 
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;

@@ -7,7 +7,7 @@ const POINTS: [(f64, f64); 4] = [(0.0, 0.0), (0.1, 0.0), (0.1, 0.1), (0.0, 0.1)]
 
 /// What is said of a camera that goes by `step` (m) and turns by `turn` (rad) in each of 40 images, and is believed to be turned otherwise about itself
 /// by `wrong`, while the object goes by `away` (m): whether it is judged, and how the mount is wrong.
-fn judged(step: [f64; 3], turn: [f64; 3], wrong: [f64; 3], away: [f64; 3]) -> (bool, Option<MountError>) {
+fn judged(step: [f64; 3], turn: [f64; 3], wrong: [f64; 3], away: [f64; 3]) -> (bool, Option<CameraError>) {
     let points = POINTS.map(|(x, y)| Point3::new(x, y, 0.0));
     let goal = Pose::new([-0.05, -0.05, 0.4].into(), [0.0; 3].into());
     let set_point = SetPoint::from_pose(&goal, &points).unwrap();
@@ -37,7 +37,7 @@ fn cameras_that_are_mounted_turned_are_told() {
             [(-180.0, 2), (-120.0, 1), (-90.0, 1), (90.0, 3), (150.0, 2), (180.0f64, 2)]
         {
             let wrong = [0.0, 0.0, degrees.to_radians()];
-            let told = Some(MountError::Turned(quarters));
+            let told = Some(CameraError::Turned(quarters));
             assert_eq!(judged(step, turn, wrong, [0.0; 3]), (true, told), "{degrees} {step:?}");
         }
         for degrees in [-50.0, -20.0, 0.0, 5.0, 40.0, 60.0f64] {
@@ -54,7 +54,7 @@ fn cameras_with_other_axes_are_told() {
         for wrong in [[90.0, 0.0, 0.0], [0.0, -90.0, 0.0], [180.0, 0.0, 0.0], [0.0, 180.0, 0.0f64]] {
             let wrong = wrong.map(f64::to_radians);
             let told = judged(step, turn, wrong, [0.0; 3]);
-            assert_eq!(told, (true, Some(MountError::OtherAxes)), "{wrong:?} {step:?}");
+            assert_eq!(told, (true, Some(CameraError::OtherAxes)), "{wrong:?} {step:?}");
         }
     }
 }
@@ -145,7 +145,7 @@ fn an_object_that_is_put_elsewhere_before_a_start_hides_nothing() {
         }
         agreement.begin();
         (0..10).for_each(|i| see(&mut agreement, 0.09, 2e-3 * f64::from(i), wrong));
-        let told = (wrong > 0.0).then_some(MountError::Turned(2));
+        let told = (wrong > 0.0).then_some(CameraError::Turned(2));
         assert_eq!((agreement.is_judged(), agreement.error()), (true, told), "{wrong}");
         assert_eq!(agreement.interrupt(), wrong > 0.0);
     }
@@ -256,7 +256,7 @@ fn a_wrong_mount_is_told_before_an_object_that_had_moved() {
         let believed = camera * Pose::new(Vector3::zeros(), Vector3::z() * (TAU / 2.0));
         agreement.note(time, &View::of(&seen, &set_point).unwrap(), &believed, &set_point);
     }
-    assert_eq!(agreement.error(), Some(MountError::Turned(2)));
+    assert_eq!(agreement.error(), Some(CameraError::Turned(2)));
 }
 
 /// Without a view before its motion an arm that may pause stands until it is seen what moves: an object that goes twice as fast as the arm, or the image by a mount that is turned. One that never stands is
@@ -266,7 +266,7 @@ fn an_arm_that_pauses_tells_an_object_from_a_mount() {
     let points = POINTS.map(|(x, y)| Point3::new(x, y, 0.0));
     let goal = Pose::new([-0.05, -0.05, 0.4].into(), [0.0; 3].into());
     let set_point = SetPoint::from_pose(&goal, &points).unwrap();
-    let turned = Some(MountError::Turned(2));
+    let turned = Some(CameraError::Turned(2));
     for (object_m_s, turn, obeys, told) in
         [(0.06, 0.0, true, None), (0.0, TAU / 2.0, true, turned), (0.06, 0.0, false, turned)]
     {

@@ -9,13 +9,17 @@ const TURNS: u16 = 36;
 /// Least turn that turns a law away, rad. Measured: with 50 degrees UR5, Panda, xArm7 and two of four SCARAs converge, with 90 none does.
 const TURNED: f64 = 1.2;
 
-/// How the mount of a camera is wrong, such that each law leads away from its goal.
+/// How a camera is not as it is told, such that a law leads away from its goal, or to another one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum MountError {
+pub enum CameraError {
     /// The camera is turned about its optical axis against `camera.mount`, by so many quarters, 1 to 3.
     Turned(u8),
     /// Its axes are others, or have other signs, or its images are mirrored.
     OtherAxes,
+    /// Its focal length is more than half as long again as `camera.lens` says.
+    LongerLens,
+    /// The same, shorter by as much.
+    ShorterLens,
 }
 
 /// A mount that is wrong, or images that are.
@@ -38,13 +42,13 @@ impl WrongMount {
 }
 
 /// The mounts that are tried: turned about the optical axis, all others by right angles, and mirrors. Those by which a law still finds its goal are no error.
-pub(super) fn wrong_mounts() -> impl Iterator<Item = (WrongMount, Option<MountError>)> {
+pub(super) fn wrong_mounts() -> impl Iterator<Item = (WrongMount, Option<CameraError>)> {
     let turned = |axis: Vector3<f64>| Pose::new(Vector3::zeros(), axis);
     let about_z = (1..TURNS).map(move |k| {
         let turn = TAU * f64::from(k) / f64::from(TURNS);
         let quarters = ((turn / FRAC_PI_2).round() as u8).clamp(1, 3);
         let is_wrong = (TURNED..=TAU - TURNED).contains(&turn);
-        (WrongMount::Turned(turned(Vector3::z() * turn)), is_wrong.then_some(MountError::Turned(quarters)))
+        (WrongMount::Turned(turned(Vector3::z() * turn)), is_wrong.then_some(CameraError::Turned(quarters)))
     });
     let tilts = [Vector3::x(), -Vector3::x(), Vector3::y(), -Vector3::y(), Vector3::x() * 2.0];
     let others = tilts.into_iter().flat_map(move |tilt| {
@@ -52,7 +56,7 @@ pub(super) fn wrong_mounts() -> impl Iterator<Item = (WrongMount, Option<MountEr
         (0..4).map(move |k| WrongMount::Turned(tilt * turned(Vector3::z() * (FRAC_PI_2 * f64::from(k)))))
     });
     let mirrors = [0, 1].map(WrongMount::Mirrored);
-    about_z.chain(others.chain(mirrors).map(|mount| (mount, Some(MountError::OtherAxes))))
+    about_z.chain(others.chain(mirrors).map(|mount| (mount, Some(CameraError::OtherAxes))))
 }
 
 /// The motion that is seen in images in which this axis, 0 for x and 1 for y, is reversed: a reflection about it on both sides.

@@ -4,11 +4,13 @@ use super::{LawAnswer, VisualServo};
 use crate::geometry::Pose;
 use crate::robot::{CameraJacobian, Robot};
 use crate::servo::first_motion::REACH_M;
-use crate::servo::{Convergence, LawOutput, MountError, TwistTask, joint_velocity};
+use crate::servo::{CameraError, Convergence, LawOutput, TwistTask, joint_velocity};
 use nalgebra::{Matrix6, SVector, Vector6};
 
 /// Rate at which a small motion of its own would converge, 1/s, by which the arm could brake before its end. Chosen by hand: that of the way back to a view.
 const RATE_1_S: f64 = super::RETURN_RATE_1_S;
+/// Least share of a turn of the camera that the arm has to make of the one that it is told. Chosen by hand: an arm that cannot turn about an axis makes none.
+const TURNS: f64 = 0.7;
 
 impl<const N: usize> VisualServo<N> {
     /// The same where the arm goes by another law, too, so that none moves it alone.
@@ -17,15 +19,20 @@ impl<const N: usize> VisualServo<N> {
         Self { agreement: self.agreement.without_probes(), ..self }
     }
 
-    /// How the camera's mount is wrong, by how the image moved with the arm's first motion; `None` where it is not. Each law leads away from its goal then.
+    /// How the camera's mount or lens is wrong, by how the image moved with the arm's first motion; `None` where it is not.
     #[must_use]
-    pub fn mount_error(&self) -> Option<MountError> {
+    pub fn camera_error(&self) -> Option<CameraError> {
         self.agreement.error()
     }
 
     /// Whether a small motion of the camera is under way that tells a wrong mount from one that is askew.
     pub(crate) fn tries_mount(&self) -> bool {
         self.agreement.probes()
+    }
+
+    /// Whether a small turn of the camera is under way that tells a lens which is not as told from a target that is.
+    pub(crate) fn tries_lens(&self) -> bool {
+        self.agreement.tries_lens()
     }
 
     /// The share of the joint velocity `qd` (rad/s or m/s), 0 to 1, with which the `first` motion of a camera at a pose with a Jacobian is slow enough
@@ -41,19 +48,21 @@ impl<const N: usize> VisualServo<N> {
         }
     }
 
-    /// What takes the place of the law's output while the mount is tried by a small motion: one of the camera without a turn, as far as the arm can.
+    /// What takes the place of the law's output while mount or lens are tried by a small motion: one of the camera without a turn, or without a way, as far as the arm can.
     pub(super) fn probing(&mut self, q: &SVector<f64, N>, robot: &Robot<N>) -> Option<LawAnswer<N>> {
         let (X_WC, J) = self.settings.mount.camera(robot, q);
-        let v_W = self.agreement.probe_velocity(&X_WC)?;
-        let v_C = X_WC.rotation.inverse_transform_vector(&v_W);
+        let (v_C, w_C) = self.agreement.probe_twist_C(&X_WC)?;
         let turn = REACH_M * REACH_M;
         let task = TwistTask {
             matrix: Matrix6::from_diagonal(&Vector6::new(1.0, 1.0, 1.0, turn, turn, turn)),
-            vector: Vector6::new(v_C.x, v_C.y, v_C.z, 0.0, 0.0, 0.0),
-            error: v_C.norm(),
+            vector: Vector6::new(v_C.x, v_C.y, v_C.z, turn * w_C.x, turn * w_C.y, turn * w_C.z),
+            error: v_C.norm().hypot(REACH_M * w_C.norm()),
         };
         // An arm that cannot stands until it is judged.
         let qd = joint_velocity(&task, 1.0, &J).unwrap_or_else(SVector::zeros);
+        if (J.matrix() * qd).fixed_rows::<3>(3).dot(&w_C) < TURNS * w_C.norm_squared() {
+            self.agreement.cannot_turn();
+        }
         Some(LawAnswer { law_output: LawOutput::Velocity(qd), convergence: Convergence::at(RATE_1_S) })
     }
 }

@@ -1,4 +1,5 @@
 use super::super::MotionAgreement;
+use super::super::strain::{CREDIBLE, OF_MOUNT, explained};
 use super::super::wrong_mount::wrong_mounts;
 use super::*;
 use crate::linalg::Random;
@@ -10,15 +11,15 @@ const NOISE: f64 = 6.25e-5;
 
 /// A cell: where the object is, and what is told that is not so.
 #[derive(Debug, Clone, Copy)]
-struct DrawnMount {
+pub(in super::super) struct DrawnMount {
     X_WO: Pose,
     /// The believed camera in the true one.
     mount: Pose,
     depth: f64,
-    focal: f64,
+    pub(in super::super) focal: f64,
 }
 
-fn vector(random: &mut Random, longest: f64) -> Vector3<f64> {
+pub(in super::super) fn vector(random: &mut Random, longest: f64) -> Vector3<f64> {
     let mut by = || random.between(-1.0, 1.0);
     let direction = Vector3::new(by(), by(), by());
     direction * (random.between(0.0, longest) / direction.norm().max(0.1))
@@ -31,7 +32,7 @@ fn set_point() -> SetPoint {
 }
 
 impl DrawnMount {
-    fn drawn(random: &mut Random, mount: Pose, depth: f64, focal: f64) -> Self {
+    pub(in super::super) fn drawn(random: &mut Random, mount: Pose, depth: f64, focal: f64) -> Self {
         let by = vector(random, 0.05);
         let before = Pose::new(Vector3::new(-0.05, -0.05, 0.42) + by, vector(random, 0.5));
         // Before the true camera while the believed one is in the origin.
@@ -39,7 +40,7 @@ impl DrawnMount {
     }
 
     /// A mount by up to 20 degrees and 5 cm off, a target that is up to twice as far or as near, a lens by up to a fifth longer or shorter.
-    fn askew(random: &mut Random) -> Self {
+    pub(in super::super) fn askew(random: &mut Random) -> Self {
         let mount = Pose::new(vector(random, 0.05), vector(random, 0.35));
         let (depth, focal) = (random.between(-0.69, 0.69).exp(), random.between(0.8, 1.2));
         Self::drawn(random, mount, depth, focal)
@@ -65,7 +66,7 @@ fn two_motions_tell_askew_mounts_from_wrong_ones() {
     let set_point = set_point();
     let mut random = Random::new(57);
     let wrong: Vec<_> = wrong_mounts().filter_map(|(mount, error)| Some((mount, error?))).collect();
-    let strain_of = |cell: &DrawnMount, suspect: (WrongMount, MountError), random: &mut Random| {
+    let strain_of = |cell: &DrawnMount, suspect: (WrongMount, CameraError), random: &mut Random| {
         let X_WB = Pose::new(vector(random, 0.002), vector(random, 0.02));
         let (base, view) = (cell.view(&Pose::identity(), random), cell.view(&X_WB, random));
         let first = SeenMotion { base, X_CB: X_WB.inverse(), view };
@@ -75,7 +76,7 @@ fn two_motions_tell_askew_mounts_from_wrong_ones() {
         X_WC.translation.vector += probe.direction_W * 1e-3;
         let (X_CB, after) = (X_WC.inv_mul(&X_WB), cell.view(&X_WC, random));
         let second = SeenMotion { base: view, X_CB, view: after };
-        strain(&[first, second], &set_point).unwrap()
+        explained(&[first, second], OF_MOUNT, &set_point).unwrap().strain
     };
     let (mut of_askew, mut of_wrong) = (Vec::new(), Vec::new());
     for k in 0..400 {
@@ -96,18 +97,18 @@ fn two_motions_tell_askew_mounts_from_wrong_ones() {
     assert!(share(&of_wrong, &|x| x > CREDIBLE) >= 0.98, "{least:?}, {:?}", &of_wrong[..20]);
 }
 
-/// The first motion of an arm that does what is asked of it, with the velocity `v`, `w` of the believed camera, for up to 1.6 s: what is judged, how far the camera was from its start, and whether a probe was made. A share of
+/// The first motion of an arm that does what is asked of it, with the velocity `v`, `w` of the believed camera, for up to 1.6 s: what is judged, how far the camera was from its start, and whether a probe of the mount was made, and one of the lens. A share of
 /// the measurements leaps by 4 px.
-fn first_motion(
+pub(in super::super) fn first_motion(
     cell: &DrawnMount,
     (v, w): (&Vector3<f64>, &Vector3<f64>),
     leaps: f64,
     random: &mut Random,
-) -> (MotionAgreement, f64, bool) {
+) -> (MotionAgreement, f64, [bool; 2]) {
     let set_point = set_point();
     let step = Pose::new(v * 0.04, w * 0.04);
     let mut agreement = MotionAgreement::new(true);
-    let (mut X_WB, mut farthest, mut probed) = (Pose::identity(), 0.0f64, false);
+    let (mut X_WB, mut farthest, mut probed) = (Pose::identity(), 0.0f64, [false; 2]);
     for i in -4..40i64 {
         let time = MonoNs(1_000_000_000 + i * 40_000_000);
         let view = cell.view(&X_WB, random);
@@ -120,13 +121,13 @@ fn first_motion(
             continue;
         }
         agreement.begin();
-        if agreement.is_judged() {
+        if agreement.error().is_some() {
             break;
         }
-        match agreement.probe_velocity(&X_WB) {
-            Some(v_W) => {
-                X_WB.translation.vector += v_W * 0.04;
-                probed = true;
+        match agreement.probe_twist_C(&X_WB) {
+            Some((v_C, w_C)) => {
+                X_WB *= Pose::new(v_C * 0.04, w_C * 0.04);
+                probed[usize::from(agreement.tries_lens())] = true;
             }
             None if !agreement.pauses() => X_WB *= step,
             None => {}
@@ -156,7 +157,7 @@ fn probes_tell_wrong_mounts_and_let_askew_ones_go_on() {
         // As a law does it: it turns the camera, so that its target stays in view.
         let (v, by) = (vector(&mut random, 0.04), random.between(0.3, 1.5) / 0.4);
         let w = Vector3::new(v.y, -v.x, 0.0) * by + vector(&mut random, 0.05);
-        let (agreement, farthest, probed) = first_motion(&cell, (&v, &w), 0.0, &mut random);
+        let (agreement, farthest, [probed, _]) = first_motion(&cell, (&v, &w), 0.0, &mut random);
         probes[usize::from(is_wrong)] += u32::from(probed);
         if is_wrong {
             let is_told = agreement.error().is_some() && farthest < 0.01;
@@ -167,7 +168,7 @@ fn probes_tell_wrong_mounts_and_let_askew_ones_go_on() {
     }
     let [of_askew, of_wrong] = probes;
     assert!(of_askew >= 3 && of_wrong >= 500, "{probes:?}");
-    // Measured: 455 of 1227. Why the others are not told within a centimetre was not looked into.
+    // Measured: 413 of 1147. Why the others are not told within a centimetre was not looked into.
     assert!(told_by_probe * 3 >= of_wrong, "{told_by_probe} of {of_wrong}");
 }
 
@@ -181,7 +182,7 @@ fn leaps_make_no_wrong_mount_an_askew_one() {
         let cell = DrawnMount::drawn(&mut random, Pose::new(Vector3::zeros(), turn), 1.0, 1.0);
         let v = vector(&mut random, 0.04);
         let w = Vector3::new(v.y, -v.x, 0.0) * 2.0 + vector(&mut random, 0.05);
-        let (agreement, _, probed) = first_motion(&cell, (&v, &w), 0.3, &mut random);
+        let (agreement, _, [probed, _]) = first_motion(&cell, (&v, &w), 0.3, &mut random);
         probes += u32::from(probed);
         askew += u32::from(probed && agreement.is_judged() && agreement.error().is_none());
     }
