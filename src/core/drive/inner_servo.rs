@@ -1,5 +1,5 @@
 //! The servo inside a simulated drive that is commanded by velocity or position: `tau` by inverse dynamics of the
-//! maker's model (rotors and friction as they are, without the payload), with integral action that takes up what that model does not know.
+//! maker's model (rotors and friction as they are, without the payload), with integral action that takes up what that model does not know, from the first: a drive has held its arm before a run begins.
 //!
 //! ```text
 //! position: y = qdd_r + 3 w^2 e + 3 w e' + w^3 int e,   e = q_r - q    (triple pole at -w)
@@ -16,6 +16,7 @@
 //! servo's zeros would overshoot what the commands accelerate with by `e^-2`, 13.5 %.
 
 use super::{CommandMode, DriveCommand};
+use crate::linalg::Ldlt;
 use crate::robot::Robot;
 use crate::time::TICK;
 use nalgebra::SVector;
@@ -43,6 +44,29 @@ impl<const N: usize> VelocityLoop<N> {
         let zero = SVector::zeros();
         let omega_rad_s = settings.natural_frequency_rad_s;
         Self { omega_rad_s, integral: zero, from: zero, elapsed_s: 0.0, target: None }
+    }
+
+    /// The same of a drive that has held the arm at `q` (rad or m) before, and bears what its model of the `robot` does not know: the torques `unknown`, N m or N.
+    pub(super) fn holding(
+        mut self,
+        robot: &Robot<N>,
+        mode: CommandMode,
+        q: &SVector<f64, N>,
+        unknown: &SVector<f64, N>,
+    ) -> Self {
+        let w = self.omega_rad_s;
+        let mut per_integral = robot.mass_matrix(q) * w;
+        for (i, friction) in robot.friction().iter().enumerate() {
+            per_integral[(i, i)] += friction.viscous;
+        }
+        let held = |factors: Ldlt<N>| SVector::from(factors.solve(&(*unknown).into()));
+        let integral = Ldlt::of(&per_integral).map_or_else(SVector::zeros, held);
+        self.integral = match mode {
+            CommandMode::Torque => SVector::zeros(),
+            CommandMode::Velocity => integral / w,
+            CommandMode::Position => integral / (w * w),
+        };
+        self
     }
 
     /// From now on `command` acts; the first one finds the arm moving with `qd`.

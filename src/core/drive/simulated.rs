@@ -167,6 +167,9 @@ impl<const N: usize> SimulatedDrive<N> {
                 (Some(Box::new(joints)), links, hangs)
             }
         };
+        // A drive that closes its own loop holds the arm before a run begins, whatever it carries.
+        let unknown = true_arm.gravity(&q_true) - nominal.gravity(&q);
+        let servo = VelocityLoop::new(settings.servo).holding(&nominal, settings.mode, &q, &unknown);
         Ok(Self {
             q: q_true,
             elastic,
@@ -187,7 +190,7 @@ impl<const N: usize> SimulatedDrive<N> {
             tells_torque: settings.tells_torque,
             tau: None,
             commands: Delay::new(settings.command_delay_ticks),
-            servo: VelocityLoop::new(settings.servo),
+            servo,
             surroundings: settings.surroundings,
             encoder: Encoder::new(settings.encoder),
             faults: settings.faults,

@@ -224,6 +224,22 @@ fn the_inner_servo_tracks_under_an_unknown_load() {
     }
 }
 
+#[test]
+fn a_drive_with_its_own_loop_holds_its_load_from_the_first() {
+    for mode in [CommandMode::Velocity, CommandMode::Position] {
+        let payload = Inertia::point(3.0, Vector3::new(0.05, 0.02, 0.1));
+        let settings = Settings { mode, payload, ..Settings::default() };
+        let q = SVector::<f64, 6>::from_column_slice(&[0.0, -1.2, 1.4, -0.3, 0.5, 0.2]);
+        let mut drive = SimulatedDrive::new(arm("ur5"), q, settings).unwrap();
+        drive.read(at(0));
+        for ms in 1..200 {
+            drive.write(&command(SVector::zeros(), q, SVector::zeros()));
+            let state = drive.read(at(ms));
+            assert!((state.q - q).amax() < 1e-7, "{mode}, {ms} ms: {}", state.q - q);
+        }
+    }
+}
+
 /// What the commands keep to, the arm keeps to: a servo that lags and catches up would accelerate by 13.5 % more.
 #[test]
 fn the_inner_servo_accelerates_as_its_commands_do() {
