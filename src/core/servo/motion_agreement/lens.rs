@@ -41,6 +41,7 @@ const LONGEST: SpanNs = SpanNs(2_500_000_000);
 
 /// What is known of the lens, once the mount agrees.
 #[derive(Debug, Clone, Copy, Default)]
+#[allow(clippy::large_enum_variant)] // a box would be allocated within the tick
 pub(super) enum LensWatch {
     #[default]
     Open,
