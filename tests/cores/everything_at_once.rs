@@ -286,3 +286,38 @@ fn arms_unlike_their_models_in_everything() {
     // Of more draws three in four, and half of them before (docs/drives.md).
     assert!(f64::from(counts.converged) >= 0.5 * f64::from(counts.all), "{counts:?}");
 }
+
+/// Draws that hunted about their goals for 30 s, by 0.1 to 0.3 px, while each joint waited for its reference to free it: they come home as soon as friction is compensated by the sign of their errors.
+#[test]
+fn joints_that_stick_near_their_goals_come_home() {
+    let common = ["drive.mode=torque", "drive.simulated.hard_friction=true"];
+    let draws = [
+        (
+            "ur5",
+            0.018_43,
+            "drive.simulated.payload_kg=1.648 drive.simulated.payload_com_m=[-0.029,0.013,0.029] drive.simulated.untold_rotor_share=0.456 \
+             scene.arm.friction_scale=1.256 drive.simulated.static_friction_ratio=1.10 drive.simulated.stribeck_speed_rad_s_or_m_s=0.010 drive.simulated.encoder_step_rad_or_m=[0.000026] \
+             motion.encoder_step_rad_or_m=[0.0] drive.simulated.command_delay_ticks=1 \
+             robot.q_start_rad_or_m=[0.4615,-1.7424,1.4329,-1.2570,-1.8031,1.0001] run.seed=848565",
+        ),
+        (
+            "panda",
+            0.022_86,
+            "drive.simulated.payload_kg=1.297 drive.simulated.payload_com_m=[0.022,-0.025,0.060] drive.simulated.untold_rotor_share=2.451 \
+             scene.arm.friction_scale=1.058 drive.simulated.static_friction_ratio=1.40 drive.simulated.stribeck_speed_rad_s_or_m_s=0.186 \
+             drive.simulated.encoder_step_rad_or_m=[0.000034] drive.simulated.command_delay_ticks=2 \
+             robot.q_start_rad_or_m=[-0.1453,-0.4857,-0.1240,-2.1447,0.1086,1.7889,0.2399] run.seed=603863",
+        ),
+    ];
+    let folder = tempfile::tempdir().unwrap();
+    for (file, share, keys) in draws {
+        let mut set: Vec<_> = common.into_iter().chain(keys.split_whitespace()).map(str::to_owned).collect();
+        set.push(format!("robot.model={}", with_friction(folder.path(), file, share).display()));
+        let end = end_of_run(&Draw { file, mode: "torque", kind: "static", set });
+        let End { outcome, seconds, .. } = &end;
+        assert!(
+            *outcome == Outcome::Converged && end.is_there && *seconds < 12.0,
+            "{file}: {outcome:?} after {seconds} s"
+        );
+    }
+}

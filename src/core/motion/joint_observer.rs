@@ -28,6 +28,7 @@
 
 mod bandwidth;
 mod bound;
+mod breakaway;
 mod camera_correction;
 mod confirmed_friction;
 mod found_steps;
@@ -195,6 +196,11 @@ impl<const N: usize> JointObserver<N> {
     /// The share of the torque against an error's decay that each joint may have because it sticks; none for joints that do not.
     pub(super) fn slip_share(&self) -> SVector<f64, N> {
         self.sticking.slip_share()
+    }
+
+    /// The share of its Coulomb friction that each joint gets towards its reference because it sticks; none for joints that do not.
+    pub(super) fn coulomb_share(&self) -> SVector<f64, N> {
+        self.sticking.coulomb_share()
     }
 
     /// The friction of each joint of `robot`, of which the share is compensated: that of its file, or what is looked for where the file tells none.

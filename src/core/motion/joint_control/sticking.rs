@@ -1,6 +1,7 @@
 //! What joints that stick get beside the law's torque: more against an error, so that they come loose before it has grown, and damping when they slip.
 
 use super::law::{Feedback, InverseDynamicsControl};
+use crate::robot::Friction;
 use nalgebra::SVector;
 
 /// Times the rate of the law at which an error is to decay against viscous friction. A joint that sticks is freed by the torque that this adds, and with
@@ -19,6 +20,20 @@ const DAMPED: f64 = 0.2;
 const STIFFER: f64 = 2.0;
 /// Derived: with three times the stiffness and 1.5 times the damping the ratio is 0.87 of the law's; with half of both, 2 and 1.25 times, 0.88.
 const DAMPED_MORE: f64 = 0.5;
+
+/// Speed of its reference at which nothing more of the Coulomb friction of a joint that sticks is compensated by its error, rad/s or m/s; below it fades. Chosen by hand: that of an arm at rest, and far above the one
+/// at which smooth models change its sign.
+const CREEPS: f64 = 0.02;
+/// Step of an encoder from which on an error counts less for that, rad or m. Derived: at 40 rad/s friction changes its sign by an error of 25 urad, half of this; where steps are coarser, by half of theirs, within which a
+/// reading tells nothing.
+const FINE_STEP: f64 = 5e-5;
+
+/// What of the Coulomb friction of a joint that sticks, N m or N, is compensated by its error, which is to decay with `slip`, beside that by its reference's `velocity`, rad/s or m/s. Its encoder has this `step`, rad or m.
+pub(super) fn towards_reference(joint: &Friction, velocity: f64, slip: f64, step: f64) -> f64 {
+    let near = (1.0 - velocity.abs() / CREEPS).max(0.0);
+    let counts = FINE_STEP / step.max(FINE_STEP);
+    near * (joint.coulomb_part(velocity + counts * slip, 0.0) - joint.coulomb_part(velocity, 0.0))
+}
 
 /// Torques of joints that stick, N m or N, with their inertia (kg m^2 or kg, 0 for the others), against the errors of position and velocity.
 pub(super) fn torque<const N: usize>(
@@ -43,4 +58,38 @@ pub(super) fn extra_velocity<const N: usize>(
         let extra = (SLIP_GAIN - 1.0) * shares[i] * feedback.slip[i] - DAMPING_SHARE * lead;
         if shares[i] > 0.0 { extra } else { 0.0 }
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const FRICTION: Friction = Friction { viscous: 0.5, coulomb: 2.0 };
+
+    #[test]
+    fn a_reference_at_rest_frees_by_the_sign_of_the_error() {
+        let at_rest = |slip, step| towards_reference(&FRICTION, 0.0, slip, step);
+        assert!((at_rest(8e-3, 1e-5) - 2.0).abs() < 1e-3 && (at_rest(-8e-3, 1e-5) + 2.0).abs() < 1e-3);
+        assert_eq!(at_rest(0.0, 1e-5), 0.0);
+        // An error of half a coarse step is less than all of it.
+        let half_a_step = at_rest(40.0 * 2.5e-4, 5e-4);
+        assert!((half_a_step / 2.0 - 1.0_f64.tanh()).abs() < 1e-12, "{half_a_step}");
+        assert_eq!(towards_reference(&FRICTION, CREEPS, -8e-3, 1e-5), 0.0, "one that is on its way");
+    }
+
+    proptest! {
+        /// Beside what the velocity of the reference compensates it is never more than the friction that there is, and never away from the reference.
+        #[test]
+        fn no_more_than_all_friction_and_never_away(
+            velocity in -0.05..0.05_f64,
+            slip in -0.1..0.1_f64,
+            step in 0.0..1e-3_f64,
+        ) {
+            let more = towards_reference(&FRICTION, velocity, slip, step);
+            prop_assert!(more * slip >= 0.0);
+            let sum = FRICTION.coulomb_part(velocity, 0.0) + more;
+            prop_assert!(sum.abs() <= FRICTION.coulomb * (1.0 + 1e-12), "{sum}");
+        }
+    }
 }

@@ -6,6 +6,7 @@
 //! What a joint that sticks gets beside the law's torque is a stiff spring with late commands, and its inertia may not be known: with a payload off its axis a wrist has 50 times that of its model. Where it makes a joint
 //! run ahead of its reference, forth and back, it is halved.
 
+use super::breakaway::Breakaway;
 use crate::time::TICK;
 use nalgebra::SVector;
 
@@ -64,6 +65,7 @@ pub(super) struct Sticking<const N: usize> {
     /// The share of what joints that stick get that is left to each, and the sign of its last swing.
     calm: SVector<f64, N>,
     swung: SVector<f64, N>,
+    breakaway: Breakaway<N>,
 }
 
 impl<const N: usize> Default for Sticking<N> {
@@ -77,6 +79,7 @@ impl<const N: usize> Default for Sticking<N> {
             before: SVector::zeros(),
             calm: SVector::repeat(1.0),
             swung: SVector::zeros(),
+            breakaway: Breakaway::default(),
         }
     }
 }
@@ -92,6 +95,12 @@ impl<const N: usize> Sticking<N> {
         self.calm.zip_map(&self.stiffness, |calm, stiffness| if stiffness > 0.0 { calm } else { 0.0 })
     }
 
+    /// The share of its Coulomb friction that each joint gets towards its reference; none for joints that do not stick.
+    pub(super) fn coulomb_share(&self) -> SVector<f64, N> {
+        let shares = self.slip_share();
+        SVector::from_fn(|i, _| shares[i] * self.breakaway.share(i))
+    }
+
     /// Takes in a tick of joint `i`, counted from 0, which is not `probing`.
     pub(super) fn note(&mut self, i: usize, probing: bool, tick: &StandingTick) {
         let same = if tick.reading == self.readings[i] { self.same_ticks[i].saturating_add(1) } else { 0 };
@@ -104,6 +113,9 @@ impl<const N: usize> Sticking<N> {
         }
         (self.readings[i], self.same_ticks[i]) = (tick.reading, same);
         self.ways[i] = if same > 0 { self.ways[i] + TICK.as_s() * tick.slip } else { 0.0 };
+        if self.stiffness[i] > 0.0 && !probing {
+            self.breakaway.note(i, tick.reading, same, tick.slip);
+        }
         if self.stiffness[i] > 0.0 && tick.lead.abs() > SWINGS {
             let swings_back = tick.lead * self.swung[i] < 0.0;
             self.calm[i] *= if swings_back { CALMS } else { 1.0 };
