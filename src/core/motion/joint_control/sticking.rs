@@ -25,7 +25,7 @@ const DAMPED_MORE: f64 = 0.5;
 /// at which smooth models change its sign.
 const CREEPS: f64 = 0.02;
 /// Step of an encoder from which on an error counts less for that, rad or m. Derived: at 40 rad/s friction changes its sign by an error of 25 urad, half of this; where steps are coarser, by half of theirs, within which a
-/// reading tells nothing.
+/// reading tells nothing. Measured (`tests/cores/everything_at_once.rs`, with steps of 2e-4 and 5e-4 rad): of 145 draws 73 come home with this, 64 without.
 const FINE_STEP: f64 = 5e-5;
 
 /// What of the Coulomb friction of a joint that sticks, N m or N, is compensated by its error, which is to decay with `slip`, beside that by its reference's `velocity`, rad/s or m/s. Its encoder has this `step`, rad or m.
