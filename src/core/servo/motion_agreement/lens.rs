@@ -208,8 +208,8 @@ impl LensProbe {
 
 /// What these motions tell of the lens: how it is wrong, or that it may be right; `None` where no lens explains them.
 fn lens_told(motions: &[SeenMotion], set_point: &SetPoint) -> Option<Option<CameraError>> {
-    let explanation = explained(motions, OF_LENS, set_point).filter(|least| least.strain < CREDIBLE)?;
-    let (focal, surely) = (explanation.focal, SURE * explanation.focal_sd + ALLOWED);
+    let least = explained(motions, OF_LENS, set_point).filter(|least| least.strain < CREDIBLE)?;
+    let (focal, surely) = (least.focal, SURE * least.focal_sd + ALLOWED);
     let wrong = if focal > 0.0 { CameraError::LongerLens } else { CameraError::ShorterLens };
     Some((focal.abs() > WRONG.max(surely)).then_some(wrong))
 }

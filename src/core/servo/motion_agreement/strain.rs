@@ -55,7 +55,7 @@ const DIFFERENCE: f64 = 1e-4;
 
 /// What a description is off by to explain what was seen.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Explanation {
+pub(super) struct LeastStrain {
     /// The sum of the squared standard deviations that it takes.
     pub(super) strain: f64,
     /// Logarithm of the focal length as a share of the told one, and its standard deviation.
@@ -148,8 +148,8 @@ pub(super) fn explained(
     motions: &[SeenMotion],
     beliefs: Beliefs,
     set_point: &SetPoint,
-) -> Option<Explanation> {
-    let (mut errors, mut least) = (SupposedErrors::zeros(), None::<Explanation>);
+) -> Option<LeastStrain> {
+    let (mut errors, mut least) = (SupposedErrors::zeros(), None::<LeastStrain>);
     for _ in 0..=STEPS {
         let mut normal =
             StrainEquations { matrix: [[0.0; 8]; 8], right: -errors, strain: errors.norm_squared() };
@@ -163,7 +163,7 @@ pub(super) fn explained(
             let variance = factors.solve(&of_focal)[7];
             let focal = beliefs.focal_at + errors[7] * beliefs.focal;
             let focal_sd = variance.sqrt() * beliefs.focal;
-            least = Some(Explanation { strain: normal.strain, focal, focal_sd });
+            least = Some(LeastStrain { strain: normal.strain, focal, focal_sd });
         }
         let change = SupposedErrors::from(factors.solve(&normal.right.into()));
         errors += change * (LONGEST_STEP / change.norm().max(LONGEST_STEP));
