@@ -12,6 +12,7 @@
 //! other way, without a turn, and the two motions together tell ([`probe`]). Errors of stamps look like none of them, nor does an object that moves: where the
 //! features moved while the arm stood, the believed camera may explain the image with that motion going on, too. An object that goes twice as fast as the arm that follows it would look like a camera
 //! that is turned by 180 degrees otherwise. Where an arm began to move with its first view nothing is known of that: it pauses then, and what moves before a camera that stands is the object.
+//! Once the mount agrees, or where nothing explains what was seen, the [`lens`] is judged.
 
 mod lens;
 mod probe;
@@ -175,10 +176,11 @@ impl MotionAgreement {
 
     /// The law does not move the arm: what is not settled is judged anew when it does, since the object may be put elsewhere meanwhile. Returns whether it is not settled.
     pub(super) fn interrupt(&mut self) -> bool {
-        self.lens.interrupt();
-        if self.judgement == MountJudgement::Agrees {
+        if self.judgement == MountJudgement::Agrees && self.error().is_none() {
+            self.lens.interrupt();
             return false;
         }
+        self.lens = LensWatch::default();
         (self.moves, self.suspicion, self.judgement) = (false, None, MountJudgement::Open);
         (self.pause, self.probe) = (None, None);
         true

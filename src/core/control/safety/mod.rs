@@ -65,7 +65,7 @@ macro_rules! wrong_lens {
         concat!(
             "the image moves as one of a lens that is much ",
             $how,
-            " than camera.lens says, by half and more, so that the arm would not come to its goal: see to fx_px and fy_px (are they those of this lens, and of images of this size?), or find them with              `vservo calibrate camera`; `vservo run --uncalibrated` needs none"
+            " than camera.lens says, by half and more, so that the arm would not come to its goal: see to fx_px and fy_px (are they those of this lens, and of images of this size?), or find them with `vservo calibrate camera`; `vservo run --uncalibrated` needs none"
         )
     };
 }

@@ -32,6 +32,22 @@ fn lenses_of_half_and_twice_the_length_are_told() {
     assert!(longer.1 > 0.88 && shorter.1 > 0.88, "{longer:?} {shorter:?}");
 }
 
+/// A start after a fault judges anew, as that of a mount does: what was wrong may have been mended.
+#[test]
+fn a_lens_that_was_told_is_judged_anew() {
+    let mut random = Random::new(84);
+    let told = (0..20).find_map(|_| {
+        let cell = DrawnMount::drawn(&mut random, Pose::identity(), 0.5, 2.0);
+        let (v, w) = motion(&mut random);
+        let (agreement, ..) = first_motion(&cell, (&v, &w), 0.0, &mut random);
+        agreement.error().map(|_| agreement)
+    });
+    let mut agreement = told.unwrap();
+    assert!(agreement.interrupt());
+    assert_eq!(agreement.error(), None);
+    assert!(!agreement.is_judged() && !agreement.tries_lens());
+}
+
 #[test]
 fn lenses_that_are_a_little_off_are_no_error() {
     let mut random = Random::new(82);
