@@ -220,6 +220,35 @@ fn a_disturbance_that_stays_is_refused() {
     }
 }
 
+/// Another disturbance in each frame: what is accepted of it is as near to the truth as of single frames, or says how far it may be off.
+#[test]
+fn disturbances_that_change_are_within_what_is_stated() {
+    for kind in [Harm::Shadow, Harm::Cover, Harm::Glare] {
+        let mut random = Random(29);
+        let (mut refused, mut accepted, mut beyond) = (0u32, 0u32, 0u32);
+        for i in 0..20 {
+            let (noise, blur) = ([0.0, 1.0, 2.0, 4.0][i % 4], [0.3, 0.5, 1.0][i % 3]);
+            let mut bench = Bench::new([0.0, -0.2][i % 2], sensor(blur, noise, 700 + i as u64));
+            let X_CO = random.pose(&bench.renderer, 4.0);
+            let camera = *bench.renderer.camera();
+            for _ in 0..40 {
+                bench.render(&X_CO);
+                harm(kind, &mut random, &mut bench.image, &X_CO, &camera);
+                let m = bench.process(&Prior::default());
+                if m.found() {
+                    let stated_px = m.features().iter().map(|f| f.sd_px).fold(0.0, f64::max);
+                    let px = error_px(&bench, &X_CO, &m);
+                    (accepted, beyond) = (accepted + 1, beyond + u32::from(px > 0.4 && px > 3.0 * stated_px));
+                } else {
+                    refused += 1;
+                }
+            }
+        }
+        println!("{kind:?}: {refused} refused, {accepted} accepted, {beyond} beyond");
+        assert!(refused > 100 && 200 * beyond <= accepted, "{kind:?}: {beyond} of {accepted}");
+    }
+}
+
 /// A lens that is not as described: the measurement is accepted at the third frame, says so, and states what it does not know; what comes suddenly is refused as
 /// before, until it has gone.
 #[test]

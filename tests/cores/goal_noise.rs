@@ -48,6 +48,44 @@ fn noise_of_the_image_does_not_hide_the_goal() {
     }
 }
 
+/// A camera that shakes, air that shimmers: noise of which nobody told vision, as if it were none.
+#[test]
+fn noise_of_points_that_nobody_told_hides_no_goal() {
+    let files = [
+        "default",
+        "ur5",
+        "ur5-b",
+        "ur5-hybrid",
+        "ur5-a",
+        "panda",
+        "scara-d",
+        "tag",
+        "chessboard",
+        "dot-grid",
+    ];
+    for sd_px in [0.03, 0.12] {
+        let noise = format!("faults=[{{kind=\"point_noise\",from_s=0.0,duration_s=60.0,size_px={sd_px}}}]");
+        for (file, seed) in files.iter().zip(51..) {
+            let (run, _, rms_px) = run(file, seed, &[&noise]);
+            assert_eq!(run.finish.outcome, Outcome::Converged, "{file} {sd_px} px: {:?}", run.finish);
+            assert!(rms_px <= 1.5 * TOLERANCE_PX, "{file} {sd_px} px: {rms_px} px in truth");
+        }
+    }
+}
+
+/// With noise that hides a goal for longer than the run the arm is at it all the same, and the reason is the noise.
+#[test]
+fn noise_of_points_that_hides_a_goal_is_told() {
+    for (file, seed) in ["default", "ur5", "ur5-b", "ur5-hybrid", "panda", "tag"].iter().zip(61..) {
+        let noise = "faults=[{kind=\"point_noise\",from_s=0.0,duration_s=60.0,size_px=1.5}]";
+        let (run, _, rms_px) = run(file, seed, &[noise]);
+        assert_eq!(run.finish.outcome, Outcome::NotConverged, "{file}: {:?}", run.finish);
+        assert!(run.finish.reason.contains("what the points scatter by"), "{file}: {:?}", run.finish);
+        // A fifth of the noise of a point by the gain at the goal, and half of it after two reductions.
+        assert!(rms_px < 0.6, "{file}: {rms_px} px in truth");
+    }
+}
+
 /// What stays is noise then, and no matter of lens, mount or gain.
 #[test]
 fn a_tolerance_below_the_noise_is_told() {

@@ -51,6 +51,15 @@ impl MeasurementFaults {
 
     /// Puts noise into the `points` that were found in frame `id` of the camera with the number `camera`.
     pub fn disturb(&self, camera: u64, id: u64, points: &mut [Detection]) {
+        self.displace(1.0, camera, id, points);
+    }
+
+    /// Takes the noise out of them again, for what looks at the image about them, in which they are where they were.
+    pub fn undo_disturb(&self, camera: u64, id: u64, points: &mut [Detection]) {
+        self.displace(-1.0, camera, id, points);
+    }
+
+    fn displace(&self, share: f64, camera: u64, id: u64, points: &mut [Detection]) {
         let time = time_of(id, self.period_ns);
         for (fault, window) in &self.list {
             let MeasurementFault::PointNoise(sd_px) = fault else { continue };
@@ -61,7 +70,7 @@ impl MeasurementFaults {
                 // By the point, so that it is as far off in whatever way it was found in this frame.
                 let number = id ^ u64::from(point.id + 1).rotate_right(16) ^ camera.rotate_right(32);
                 let mut random = window.random(number);
-                point.px += Vector2::new(random.gaussian(), random.gaussian()) * *sd_px;
+                point.px += Vector2::new(random.gaussian(), random.gaussian()) * (share * *sd_px);
             }
         }
     }
@@ -248,5 +257,8 @@ mod tests {
         assert_eq!(at(0, 7)[2].px, at(0, 7)[2].px);
         assert!(at(0, 7)[2].px != at(1, 7)[2].px && at(0, 7)[2].px != at(0, 8)[2].px);
         assert_eq!(at(0, 250)[0].px, Vector2::zeros(), "it is over");
+        let mut undone = at(0, 7);
+        faults.undo_disturb(0, 7, &mut undone);
+        assert!(undone.iter().all(|dot| dot.px.norm() < 1e-12), "{undone:?}");
     }
 }

@@ -50,7 +50,7 @@ impl<const N: usize> Mission<N> {
 }
 
 /// Mean variance of a point's place that vision states, both coordinates together, px^2.
-fn stated_px2(m: &Measurement) -> f64 {
+pub(super) fn stated_px2(m: &Measurement) -> f64 {
     let variances = m.features().iter().map(|point| 2.0 * point.sd_px * point.sd_px);
     variances.sum::<f64>() / m.features().len().max(1) as f64
 }

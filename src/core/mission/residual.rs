@@ -59,6 +59,11 @@ pub const TOO_FEW_FEATURES: &str = "the arm stands and the error stays: what ser
 pub const BELOW_SCATTER: &str = "the arm stands, and the error that stays is of the size of its scatter: goal.feature_error_px is below what the measurements scatter by; \
                                  raise it (vservo explain names what suits), or give the view less noise: light, focus, a target that is larger in the image";
 
+/// The reason that ends a run whose error is as small as the points scatter.
+pub const WITHIN_NOISE: &str = "run.duration_s is over; what is left of the error is what the points scatter by from image to image, and their mean is not known well enough yet to say that it is within \
+                                goal.feature_error_px: raise that (vservo explain names what suits), give the run more time (run.duration_s), or give the view less noise: a camera that does not shake, light, \
+                                focus, a target that is larger in the image";
+
 /// Whether a run ended for this reason with an arm that stood.
 #[must_use]
 pub fn stands(reason: &str) -> bool {
@@ -69,7 +74,7 @@ pub fn stands(reason: &str) -> bool {
 /// Whether a run ended for this reason with an error that did not fall any more.
 #[must_use]
 pub fn falls_no_more(reason: &str) -> bool {
-    stands(reason) || [NO_NEARER, NO_NEARER_BY_TORQUES].contains(&reason)
+    stands(reason) || [NO_NEARER, NO_NEARER_BY_TORQUES, WITHIN_NOISE].contains(&reason)
 }
 
 /// The reason that ends a run whose arm moves and gets no nearer.
@@ -177,6 +182,12 @@ const FALLING_SHARE: f64 = 0.05;
 /// As many times the goal's tolerance an error is beyond what noise of the view lets it swing by. Chosen by hand.
 const FAR: f64 = 20.0;
 
+/// So many times the noise of the points is an error at the most that is noise. Derived: of four points, eight coordinates, an error exceeds 1.5 times its root mean square once in 40 times, and the mean of a spell never;
+/// the rest is what the arm trembles after the noise.
+const IN_NOISE: f64 = 1.5;
+/// Share of each measurement in the mean of the noise. Chosen by hand: a second of measurements.
+const NOISE_SHARE: f64 = 0.04;
+
 /// Watches the feature error of an arm at rest. It takes the arm's state at every tick, and the feature error of every measurement that
 /// has one.
 #[derive(Debug, Clone, Copy, Default)]
@@ -191,6 +202,8 @@ pub struct ResidualWatch {
     means: [Option<f64>; 2],
     /// The present spell: its begin, the sum of its errors, px, and their number.
     spell: Option<(MonoNs, f64, u32)>,
+    /// What vision states that points scatter by, px, a mean over measurements.
+    noise_px: f64,
     /// The share of the last ticks in which a limit of speed acted.
     slowed: f64,
 }
@@ -209,9 +222,12 @@ impl ResidualWatch {
         }
     }
 
-    /// Notes a measurement at `now` whose feature error is `error_px`, NaN where it has none.
-    pub fn note_error(&mut self, now: MonoNs, error_px: f64) {
+    /// Notes a measurement at `now` whose feature error is `error_px`, NaN where it has none, and whose points scatter by `noise_px`, root mean square over both coordinates together.
+    pub fn note_error(&mut self, now: MonoNs, error_px: f64, noise_px: f64) {
         self.now = now;
+        if noise_px.is_finite() {
+            self.noise_px += NOISE_SHARE * (noise_px - self.noise_px);
+        }
         self.note_spell(now, error_px);
         match self.since {
             Some((_, first)) if (error_px - first).abs() <= (STEADY_SHARE * first).max(STEADY_PX) => {
@@ -260,6 +276,7 @@ impl ResidualWatch {
     ) -> Option<&'static str> {
         let falls = matches!(self.means, [Some(before), Some(after)] if after > FAR * goal_px && after < (1.0 - FALLING_SHARE) * before);
         let why = match (follows, law.is_torque()) {
+            (false, _) if self.means[1].is_some_and(|px| px < IN_NOISE * self.noise_px) => WITHIN_NOISE,
             _ if falls => ON_ITS_WAY,
             (true, _) if self.slowed > OFTEN => TOO_SLOW_FOR_OBJECT,
             (true, _) => BEHIND_OBJECT,
@@ -297,7 +314,7 @@ mod tests {
         for k in 0..3000 {
             watch.note_arm(MonoNs(k * MS), !moves(k));
             if k % 40 == 0 {
-                watch.note_error(MonoNs(k * MS), error_px(k));
+                watch.note_error(MonoNs(k * MS), error_px(k), 0.0);
             }
         }
         watch.constant_px(0.05)
@@ -308,7 +325,7 @@ mod tests {
         let no_nearer = |error_px: &dyn Fn(f64) -> f64| {
             let mut watch = ResidualWatch::default();
             for k in 0..150 {
-                watch.note_error(MonoNs(k * 40 * MS), error_px(0.04 * k as f64));
+                watch.note_error(MonoNs(k * 40 * MS), error_px(0.04 * k as f64), 0.0);
             }
             watch.is_no_nearer(0.05)
         };
@@ -331,7 +348,7 @@ mod tests {
             let mut watch = ResidualWatch::default();
             (0..slowed_ticks).for_each(|_| watch.note_speed(true));
             for k in 0..150 {
-                watch.note_error(MonoNs(k * 40 * MS), error_px(0.04 * k as f64));
+                watch.note_error(MonoNs(k * 40 * MS), error_px(0.04 * k as f64), 0.0);
             }
             watch.why_no_nearer(0.1, follows, (law, 4))
         };
@@ -353,12 +370,29 @@ mod tests {
         assert_eq!(why(&swings, false, &of_six), Some(NO_NEARER_BY_TORQUES));
     }
 
+    /// An error that is as large as the noise is no fault of the gain; one beyond it is.
+    #[test]
+    fn an_error_within_the_noise_of_points_is_told() {
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/scara-d.toml");
+        let law = crate::config::Config::load(Some(&path), &[]).unwrap().servo.law;
+        let why = |noise_px| {
+            let mut watch = ResidualWatch::default();
+            for k in 0..300 {
+                watch.note_error(MonoNs(k * 40 * MS), 1.0 + 0.5 * f64::sin(7.0 * k as f64), noise_px);
+            }
+            watch.why_no_nearer(0.1, false, (&law, 4))
+        };
+        assert_eq!(why(1.0), Some(WITHIN_NOISE));
+        assert_eq!(why(0.1), Some(NO_NEARER));
+        assert!(!WITHIN_NOISE.contains("  ") && falls_no_more(WITHIN_NOISE) && !stands(WITHIN_NOISE));
+    }
+
     #[test]
     fn a_steady_error_is_told_from_one_that_is_noise() {
         let scatters = |error_px: &dyn Fn(i64) -> f64| {
             let mut watch = ResidualWatch::default();
             for k in 0..75 {
-                watch.note_error(MonoNs(k * 40 * MS), error_px(k));
+                watch.note_error(MonoNs(k * 40 * MS), error_px(k), 0.0);
             }
             assert!(watch.constant_px(1e-4).is_some());
             watch.scatters()
@@ -389,7 +423,7 @@ mod tests {
         assert_eq!(watched(|_| 0.04, |_| false), None, "this is the goal");
         assert_eq!(watched(|k| if k > 2000 { f64::NAN } else { 3.0 }, |_| false), None, "the target is lost");
         let mut rare = ResidualWatch::default();
-        rare.note_error(MonoNs(0), 3.0);
+        rare.note_error(MonoNs(0), 3.0, 0.0);
         rare.note_arm(MonoNs(5000 * MS), true);
         assert_eq!(rare.constant_px(0.05), None, "one measurement tells nothing");
         assert_eq!(ResidualWatch::default().constant_px(0.05), None);

@@ -74,6 +74,8 @@ struct ServoGoal<'a> {
     motion: Option<MovingGoal>,
     /// Share of each gain that resolved velocities have.
     gain_share: f64,
+    /// What the points scatter by, normalized ([`pace::noise_of`]).
+    noise: f64,
 }
 
 /// Visual servoing of an arm with `N` joints.
@@ -107,6 +109,8 @@ pub struct VisualServo<const N: usize> {
     first_motion: FirstMotion,
     /// Share of each gain that resolved velocities have; less for an arm that swings about its goal.
     gain_share: f64,
+    /// What the points of the last measurement that was used scatter by, normalized.
+    noise: f64,
     /// The image Jacobian that is learnt, where the law goes by none that is computed.
     learner: Option<Box<JacobianLearner<N>>>,
 }
@@ -138,6 +142,7 @@ impl<const N: usize> VisualServo<N> {
             agreement,
             first_motion: FirstMotion::default(),
             gain_share: 1.0,
+            noise: 0.0,
             learner,
         }
     }
@@ -227,6 +232,9 @@ impl<const N: usize> VisualServo<N> {
         }
         let verdict = self.add_of_target(now, measurement, robot);
         self.note_sought(verdict);
+        if verdict.is_used() {
+            self.noise = pace::noise_of(measurement);
+        }
         verdict
     }
 
@@ -408,7 +416,7 @@ impl<const N: usize> VisualServo<N> {
     }
 
     fn pursuit(&self) -> ServoGoal<'_> {
-        ServoGoal { goal: &self.goal, motion: None, gain_share: self.gain_share }
+        ServoGoal { goal: &self.goal, motion: None, gain_share: self.gain_share, noise: self.noise }
     }
 
     /// How the last requested velocity leads to its goal; `None` without one.

@@ -39,8 +39,7 @@ const MEDIAN_SQUARE: f64 = 1.386;
 /// many the pose of least error is a little less exact than one that weighs them, and not a wrong one.
 const SURE_ENOUGH: f64 = 4.0;
 
-/// Three dots cannot contradict each other. They are used only if their surroundings shift them by no more than this, px, and if their
-/// contrast is that of the last frame within this share. Both chosen by hand.
+/// Three dots cannot contradict each other: their surroundings may shift them by this, px, and their contrast change by this share. Both chosen by hand.
 const LONE_DISTURBANCE_PX: f64 = 0.1;
 const LONE_CONTRAST: f64 = 0.2;
 
@@ -90,9 +89,9 @@ impl FrameEstimate {
         (self.px.iter().map(|px| (px - centre).norm_squared()).sum::<f64>() / count).sqrt()
     }
 
-    /// By how much the covariances of points and pose are larger than stated, according to the misfit.
-    pub(super) fn growth(&self) -> Growth {
-        let variance = self.dots.iter().map(|d| d.sd_px * d.sd_px).sum::<f64>();
+    /// By how much the covariances of points and pose are larger than stated with noise of the variance `noise_px2`, px^2, according to the misfit.
+    pub(super) fn growth(&self, noise_px2: f64) -> Growth {
+        let variance = self.dots.iter().map(|d| d.sd_px * d.sd_px + noise_px2).sum::<f64>();
         let count = self.dots.len() as f64;
         Growth::of(self.dots.len(), count * count * self.rms_px * self.rms_px / variance)
     }
@@ -110,6 +109,8 @@ pub(super) struct PoseEstimator {
     serves: Box<[bool]>,
     /// Root mean square reprojection error, px, that a known model error explains ([`super::steady_misfit`]).
     pub(super) allowance_px: f64,
+    /// Variance of each coordinate, px^2, beyond what the finder states ([`super::noise_level`]).
+    pub(super) noise_px2: f64,
 }
 
 impl PoseEstimator {
@@ -120,7 +121,15 @@ impl PoseEstimator {
                 *serves = true;
             }
         }
-        Self { is_flat: target.is_flat(), camera, target, settings, serves, allowance_px: 0.0 }
+        Self {
+            is_flat: target.is_flat(),
+            camera,
+            target,
+            settings,
+            serves,
+            allowance_px: 0.0,
+            noise_px2: 0.0,
+        }
     }
 
     /// Computes features and pose from the detections in `estimate`. `last` is the last accepted estimate, `expected` the predictions by which the
@@ -273,7 +282,7 @@ impl PoseEstimator {
         let i = self.camera.intrinsics();
         let f = (i.fx_px * i.fy_px).sqrt();
         let count = dots.len() as f64;
-        let sd_px = (dots.iter().map(|d| d.sd_px * d.sd_px).sum::<f64>() / count).sqrt();
+        let sd_px = (dots.iter().map(|d| d.sd_px * d.sd_px).sum::<f64>() / count + self.noise_px2).sqrt();
         pairs.extend(hidden.and_then(|hidden| pair(hidden.id, &hidden.px)));
         let method = if hidden.is_some() { PoseApproach::Both } else { method };
         let both = start(method, self.is_flat, pairs, known.as_ref(), plane);
@@ -357,9 +366,14 @@ impl PoseEstimator {
 
     /// Whether the estimate is accepted: one pose explains the points within their variances, and nothing dark beside a dot shifts it.
     pub(super) fn believes(&self, estimate: &FrameEstimate) -> bool {
+        self.believes_with(self.noise_px2, estimate)
+    }
+
+    /// The same with noise of this variance, px^2, beyond what the finder states.
+    pub(super) fn believes_with(&self, noise_px2: f64, estimate: &FrameEstimate) -> bool {
         let count = estimate.dots.len() as f64;
-        let stated = estimate.dots.iter().map(|d| d.sd_px * d.sd_px).sum::<f64>() / count;
-        let variance = stated + self.settings.model_sd_px * self.settings.model_sd_px;
+        let model_px2 = self.settings.model_sd_px * self.settings.model_sd_px;
+        let variance = estimate.variance_px2() + model_px2 + misfit::LEARNT_SHARE * noise_px2;
         estimate.pose.is_some()
             && estimate.plausible
             // three points have six coordinates, as a pose has unknowns, so that nothing is left to judge
@@ -391,12 +405,13 @@ impl PoseEstimator {
     pub(super) fn fill(&self, estimate: &FrameEstimate, tracked: bool, m: &mut Measurement) {
         m.status = TargetStatus::Found as u32;
         // A model error that is known is more uncertain than the noise of the points.
-        let growth = if self.allowance_px > 0.0 { estimate.growth() } else { Growth::NONE };
+        let growth = if self.allowance_px > 0.0 { estimate.growth(self.noise_px2) } else { Growth::NONE };
         let seen = estimate.dots.iter().zip(&estimate.px).zip(&estimate.pairs);
         let features = seen.filter(|((dot, _), _)| self.serves.get(dot.id as usize) == Some(&true));
         let mut count = 0;
         for (place, ((dot, px), pair)) in m.features.iter_mut().zip(features) {
-            let (id, sd_px) = (u64::from(dot.id), dot.sd_px * growth.points.sqrt());
+            let sd_px = (dot.sd_px * dot.sd_px + self.noise_px2).sqrt() * growth.points.sqrt();
+            let id = u64::from(dot.id);
             *place = FeaturePoint { id, u_px: px.x, v_px: px.y, x: pair.s.x, y: pair.s.y, sd_px };
             count += 1;
         }

@@ -48,7 +48,7 @@ impl Vision {
         let estimate = &mut self.searched;
         self.estimator.describe(estimate, &self.finder, &Prior::default(), None, &[]);
         self.estimator.leave_out_strays(estimate, &self.finder);
-        let growth = estimate.growth();
+        let growth = estimate.growth(0.0);
         let FrameEstimate { pairs, dots, pose, other, .. } = estimate;
         let mut enlarge = |pose: &mut RefinedPose| {
             let motion = ReadoutMotion::of(pose, pairs, dots, &self.estimator.camera);

@@ -5,6 +5,9 @@
 /// the mean variance of a coordinate. With 6 parameters of the pose it has a chi-square distribution with 2 degrees of
 /// freedom, which exceeds 20 once in 22 000 times; in strong blur the stated variances are a few times too small.
 pub(super) const MAX_MISFIT: f64 = 50.0;
+/// Share of a variance that was learnt from images, in place of stated, in the one that the limits are for. Derived: these leave two and a half times the quantile of 20 because stated variances
+/// may be too small; learnt ones contain all that there is.
+pub(super) const LEARNT_SHARE: f64 = 20.0 / MAX_MISFIT;
 /// The normal deviate of that probability, exp(-10), by the normal distribution's quantile.
 const MISFIT_DEVIATE: f64 = 3.91;
 

@@ -53,6 +53,7 @@ mod frame_estimate;
 mod image_result;
 mod mirrored;
 mod misfit;
+mod noise_level;
 mod pose_approach;
 mod readout_motion;
 mod steady_misfit;
@@ -61,7 +62,7 @@ mod target_choice;
 mod target_set;
 
 use crate::camera_model::{CameraModel, Response};
-use crate::detect::{Finder, PredictedPoint};
+use crate::detect::{Detection, Finder, PredictedPoint};
 use crate::faults::MeasurementFaults;
 use crate::geometry::Pose;
 use crate::imaging::ImageView;
@@ -73,8 +74,9 @@ use frame_estimate::{FrameEstimate, PoseEstimator};
 pub use image_result::ImageResult;
 use mirrored::MirroredSearch;
 pub use misfit::Growth;
+use noise_level::NoiseLevel;
 pub use pose_approach::PoseApproach;
-use steady_misfit::{Errors, SteadyMisfit};
+use steady_misfit::{Errors, SteadyMisfit, is_small};
 pub use stereo::{
     Match, ObjectPose, Pairing, PairingCounts, Side, SpacePoint, StereoMeasurement, StereoRig, StereoVision,
     TaughtPoint, TaughtView, TaughtViewError,
@@ -170,11 +172,14 @@ pub struct Vision {
     /// Unused buffers of estimates.
     spare: Vec<FrameEstimate>,
     expected: Vec<PredictedPoint>,
-    /// Ids of points of one image that are partly occluded.
+    /// Detections whose rims are examined, and the ids of those that are partly occluded.
+    examined: Vec<Detection>,
     harmed: Vec<u32>,
     /// Misfit that stays from frame to frame, and room for the reprojection errors of the present one.
     misfit: SteadyMisfit,
     errors: Errors,
+    /// Scatter of the points from frame to frame that the finder does not state.
+    noise: NoiseLevel,
     /// Number of frames for which a part of the target has been hidden.
     hidden_for: u32,
     mirrored: MirroredSearch,
@@ -205,9 +210,11 @@ impl Vision {
             before: None,
             spare: vec![estimate(), estimate()],
             expected: Vec::with_capacity(count),
+            examined: Vec::with_capacity(count),
             harmed: Vec::with_capacity(count),
             misfit: SteadyMisfit::with_room_for(count),
             errors: Vec::with_capacity(count),
+            noise: NoiseLevel::with_room_for(count),
             hidden_for: 0,
             mirrored: MirroredSearch::with_room_for(&camera),
             lost: 0,
@@ -218,10 +225,16 @@ impl Vision {
 
     /// What was seen so far says nothing about the next frame: another target was looked for meanwhile.
     fn begin_anew(&mut self) {
+        self.forget_frames();
+        self.hidden_for = 0;
+    }
+
+    /// The next frame is compared with none before it.
+    fn forget_frames(&mut self) {
         self.misfit.interrupt();
+        self.noise.interrupt();
         self.spare.extend(self.last.take().map(|seen| seen.estimate));
         self.spare.extend(self.before.take().map(|seen| seen.estimate));
-        self.hidden_for = 0;
     }
 
     /// The same with faults of its measurements.
@@ -272,10 +285,8 @@ impl Vision {
             }
             Err(status) => {
                 m.status = self.why_missed(status, frame) as u32;
-                self.misfit.interrupt();
                 self.lost += u64::from(self.last.is_some());
-                self.spare.extend(self.last.take().map(|seen| seen.estimate));
-                self.spare.extend(self.before.take().map(|seen| seen.estimate));
+                self.forget_frames();
             }
         }
         m.target_lost = self.lost;
@@ -348,34 +359,77 @@ impl Vision {
     fn accepted(&mut self, whole: bool, frame: &Frame<'_>, prior: &Prior) -> Option<bool> {
         let proposed = if whole { &self.searched } else { &self.tracked };
         let fits = self.estimator.believes(proposed);
-        if fits && (!self.misfit.is_known() || proposed.dots.len() < 4) {
-            self.misfit.interrupt();
-            return Some(whole);
-        }
+        let whole = whole || !fits;
         if !fits {
             // All points count: a model error makes all of them uncertain, and leaving out some hides it.
             self.search(frame).ok()?;
-            let last = self.last.as_ref().map(|seen| &seen.estimate);
-            self.estimator.describe_all(&mut self.searched, &self.finder, prior, last);
+            self.describe_all(prior);
         }
-        let whole = whole || !fits;
+        let estimate = if whole { &self.searched } else { &self.tracked };
+        if estimate.dots.len() < 4 {
+            self.misfit.interrupt();
+            return fits.then_some(whole);
+        }
+        let has_whole_rims = self.learn_noise(whole, frame, prior);
         let estimate = if whole { &mut self.searched } else { &mut self.tracked };
-        self.estimator.errors(estimate, &mut self.errors);
-        let variance_px2 = estimate.variance_px2();
+        if self.estimator.believes(estimate) && !self.misfit.is_known() {
+            self.misfit.interrupt();
+            // Noise may hide what lies over the target's points.
+            return has_whole_rims.then_some(whole);
+        }
+        let variance_px2 = estimate.variance_px2() + self.noise.unstated_px2();
         let follows = self.misfit.note(&self.errors, variance_px2);
         if !(follows && self.estimator.believes(estimate)) {
             if !PoseEstimator::is_undisturbed(estimate) || !self.misfit.is_steady(estimate.extent_px()) {
                 return None;
             }
-            // What lies still over the target's points leaves steady errors, too, but it is seen at their rims.
-            self.finder.examine_occlusion(&frame.image, &mut estimate.dots, &mut self.harmed);
-            if !self.harmed.is_empty() {
+            // What lies still over the target's points leaves steady errors, too.
+            if !has_whole_rims {
                 return None;
             }
         }
         self.misfit.accept(variance_px2);
         self.estimator.allowance_px = self.misfit.allowance_px();
         Some(whole)
+    }
+
+    /// Describes what the search found, without leaving out any point.
+    fn describe_all(&mut self, prior: &Prior) {
+        let last = self.last.as_ref().map(|seen| &seen.estimate);
+        self.estimator.describe_all(&mut self.searched, &self.finder, prior, last);
+    }
+
+    /// Takes in the reprojection errors of an estimate, of which noise is learnt where nothing else is seen to be wrong. Whether nothing lies over the target's points, which
+    /// is looked at where they do not fit as they are stated.
+    fn learn_noise(&mut self, whole: bool, frame: &Frame<'_>, prior: &Prior) -> bool {
+        let estimate = if whole { &self.searched } else { &self.tracked };
+        self.estimator.errors(estimate, &mut self.errors);
+        let stated_px2 = estimate.variance_px2();
+        let is_undisturbed =
+            PoseEstimator::is_undisturbed(estimate) && is_small(&self.errors, estimate.extent_px());
+        let has_whole_rims =
+            self.estimator.believes_with(0.0, estimate) || self.shows_whole_rims(whole, frame);
+        if is_undisturbed && has_whole_rims {
+            self.noise.note(&self.errors, stated_px2);
+        } else {
+            self.noise.disturb();
+        }
+        let before = std::mem::replace(&mut self.estimator.noise_px2, self.noise.unstated_px2());
+        if before == 0.0 && self.estimator.noise_px2 > 0.0 && whole {
+            // The covariances contain it.
+            self.describe_all(prior);
+        }
+        has_whole_rims
+    }
+
+    /// Whether nothing lies over the target's points of an estimate, which is seen at their rims.
+    fn shows_whole_rims(&mut self, whole: bool, frame: &Frame<'_>) -> bool {
+        self.examined.clone_from(if whole { &self.searched.dots } else { &self.tracked.dots });
+        if let Some(faults) = &self.faults {
+            faults.undo_disturb(0, frame.header.frame_id, &mut self.examined);
+        }
+        self.finder.examine_occlusion(&frame.image, &mut self.examined, &mut self.harmed);
+        self.harmed.is_empty()
     }
 
     /// Makes the estimate of the present frame the last accepted one.

@@ -69,7 +69,7 @@ impl SteadyMisfit {
 
     /// Whether the errors have been alike for long enough to be a model error of a target with this extent in the image, px.
     pub(super) fn is_steady(&self, extent_px: f64) -> bool {
-        self.frames >= ENOUGH && mean_square(&self.last).sqrt() <= MAX_SHARE * extent_px
+        self.frames >= ENOUGH && is_small(&self.last, extent_px)
     }
 
     /// Accepts the misfit of the last frame, whose points have the variance `variance_px2` in each coordinate.
@@ -97,6 +97,11 @@ fn are_alike(errors: &Errors, before: &Errors, variance_px2: f64) -> bool {
     let size = mean_square(errors).max(mean_square(before));
     let noise = largest(2.0 * common as f64) * 2.0 * variance_px2;
     common >= 4 && 2 * common >= before.len() && change <= common as f64 * CHANGE * CHANGE * size + noise
+}
+
+/// Whether the errors of a target with this extent in the image, px, are not those of another object.
+pub(super) fn is_small(errors: &Errors, extent_px: f64) -> bool {
+    !errors.is_empty() && mean_square(errors).sqrt() <= MAX_SHARE * extent_px
 }
 
 /// Mean of the squares of errors, px^2; zero of none.

@@ -86,7 +86,7 @@ impl<const N: usize> VisualServo<N> {
         let estimator = self.learner.as_ref()?.estimator();
         let mut rate_1_s = self.settings.law.rate_1_s(&Task::Twist(task.task));
         let error = || task.task.error / f64::sqrt(self.goal.selection().points().count() as f64);
-        rate_1_s *= self.settings.reduced_near_goal(self.gain_share, rate_1_s, error);
+        rate_1_s *= self.settings.reduced_near_goal((self.gain_share, self.noise), rate_1_s, error);
         let motion_1_s = rate_1_s * estimator.motion(&(arm.J.matrix() * unit));
         rate_1_s *= (MAX_MOTION_1_S / motion_1_s).min(1.0);
         let convergence = Convergence { remaining: unit, ..Convergence::at(rate_1_s) };

@@ -1,12 +1,16 @@
 //! The effective gain of a resolved-velocity law: reduced near the goal and for an arm that oscillates, raised where the law uses predicted views.
 
 use super::{ServoGoal, ServoSettings, View, VisualServo};
+use crate::messages::{FeaturePoint, Measurement, measurement_flag};
 use crate::servo::{InteractionAt, Law};
 use nalgebra::Vector2;
 
 /// Feature error at which the gain has fallen half-way to `gain_at_goal_1_s`, root mean square, normalized: a pixel of a lens of 800 px, below which
 /// noise and encoder steps dominate the error. Chosen by hand; no unit test of servo has such a gain.
 const GAIN_AT_GOAL_ERROR: f64 = 1.25e-3;
+/// The same as so many times what vision states that the points scatter by, where that is more. Chosen by hand: at an error of that noise alone a tenth of the gain above
+/// `gain_at_goal_1_s` is left, and from nine times the noise on nine tenths of it.
+const GAIN_AT_NOISE: f64 = 3.0;
 /// Rate below which the gain is not reduced for an oscillating arm, 1/s. Chosen by hand: half and twice of it change no unit test.
 const SLOW_1_S: f64 = 1.0;
 /// Product of gain and age above which the gain is not raised to match a held law. Derived: up to here the series of [`as_quick_as_held`] is exact to 0.5 %; its
@@ -44,21 +48,47 @@ impl ServoSettings {
     pub(super) fn gain_at(&self, pursuit: ServoGoal<'_>, rate_1_s: f64, view: &View) -> f64 {
         let slower = if rate_1_s > SLOW_1_S { pursuit.gain_share.max(SLOW_1_S / rate_1_s) } else { 1.0 };
         let error = || pursuit.goal.error_rms_px(view, &Vector2::repeat(1.0));
-        slower * self.reduced_near_goal(pursuit.gain_share, rate_1_s * slower, error)
+        slower * self.reduced_near_goal((pursuit.gain_share, pursuit.noise), rate_1_s * slower, error)
     }
 
-    /// The same near a goal from which the features are `error` away, root mean square, normalized.
-    pub(super) fn reduced_near_goal(&self, gain_share: f64, rate_1_s: f64, error: impl Fn() -> f64) -> f64 {
+    /// The same near a goal from which the features are `error` away, root mean square, normalized; for a share of the gain, and the noise of the points
+    /// ([`noise_of`]).
+    pub(super) fn reduced_near_goal(
+        &self,
+        (gain_share, noise): (f64, f64),
+        rate_1_s: f64,
+        error: impl Fn() -> f64,
+    ) -> f64 {
         let at_goal_1_s = self.gain_at_goal_1_s * gain_share;
         if !(rate_1_s > at_goal_1_s) {
             return 1.0;
         }
         let error = error();
-        let far = error * error / (error * error + GAIN_AT_GOAL_ERROR * GAIN_AT_GOAL_ERROR);
+        let near = GAIN_AT_GOAL_ERROR.max(GAIN_AT_NOISE * noise);
+        let far = error * error / (error * error + near * near);
         // Without an error the gain is not reduced.
         let far = if far.is_nan() { 1.0 } else { far };
         (at_goal_1_s + (rate_1_s - at_goal_1_s) * far) / rate_1_s
     }
+}
+
+/// What vision states that the points of a measurement scatter by, root mean square over both coordinates together, normalized; 0 where lens or target are not as they are described,
+/// because what that moves points by stays, and where the measurement does not tell.
+pub(super) fn noise_of(m: &Measurement) -> f64 {
+    let count = m.features().len() as f64;
+    if m.flags & measurement_flag::MODEL_ERROR != 0 || count < 2.0 {
+        return 0.0;
+    }
+    let px = |f: &FeaturePoint| Vector2::new(f.u_px, f.v_px);
+    let normalized = |f: &FeaturePoint| Vector2::new(f.x, f.y);
+    let spread = |of: &dyn Fn(&FeaturePoint) -> Vector2<f64>| {
+        let mean = m.features().iter().map(of).sum::<Vector2<f64>>() / count;
+        m.features().iter().map(|f| (of(f) - mean).norm_squared()).sum::<f64>()
+    };
+    let variance_px2 = m.features().iter().map(|f| 2.0 * f.sd_px * f.sd_px).sum::<f64>() / count;
+    // The lens' scale where the target is.
+    let noise = (variance_px2 * spread(&normalized) / spread(&px)).sqrt();
+    if noise.is_finite() { noise } else { 0.0 }
 }
 
 /// Factor x by which the error falls faster than `exp(-lambda t)` under a held law of gain lambda whose errors have the age T, since an older error is
