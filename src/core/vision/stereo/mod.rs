@@ -25,6 +25,8 @@ pub use pairing::{Match, Pairing, PairingCounts, Side};
 pub use rig::{SpacePoint, StereoRig};
 pub use taught::{ObjectPose, TaughtPoint, TaughtView, TaughtViewError};
 
+use super::noise_level::NoiseLevel;
+use super::steady_misfit::{Errors, is_small};
 use super::{Frame, misfit};
 use crate::camera_model::Response;
 use crate::detect::{Detection, Finder};
@@ -35,6 +37,7 @@ use crate::messages::{frame_flag, measurement_flag};
 use crate::stereo::{MeasuredPair, StereoError};
 use crate::target::Target;
 use crate::time::{MonoNs, SpanNs};
+use nalgebra::Vector2;
 
 /// From so many points on up to a third are left out as outliers, so that at least four remain and are redundant.
 const ENOUGH_TO_CHOOSE: usize = 6;
@@ -72,6 +75,9 @@ pub struct StereoVision {
     room: usize,
     points: Vec<SpacePoint>,
     pairs: Vec<MeasuredPair>,
+    /// Scatter of the points from pair to pair of images that the finders do not state, and room for reprojection errors in both images.
+    noise: NoiseLevel,
+    errors: Errors,
     was_found: bool,
     lost: u64,
     /// What is put wrong about its measurements on purpose.
@@ -93,6 +99,8 @@ impl StereoVision {
             room,
             points: Vec::with_capacity(room),
             pairs: Vec::with_capacity(room),
+            noise: NoiseLevel::with_room_for(2 * room),
+            errors: Vec::with_capacity(2 * room),
             was_found: false,
             lost: 0,
             faults: None,
@@ -230,11 +238,16 @@ impl StereoVision {
         let both = [(left.miss, Side::Left), (right.miss, Side::Right)];
         if let Some((status, side)) = both.into_iter().find_map(|(miss, side)| Some((miss?, side))) {
             m.status = status as u32;
+            self.noise.interrupt();
             return Some(side);
         }
-        self.rig.triangulate(&left.found, &right.found, &mut self.points);
-        let taught = &self.taught;
-        self.points.retain(|point| taught.p_O(point.id).is_some());
+        self.triangulate(left, right);
+        let before = self.rig.noise_px2;
+        self.learn_noise(left, right);
+        if self.rig.noise_px2 != before {
+            // The covariances contain it.
+            self.triangulate(left, right);
+        }
         match self.orientation() {
             Ok(pose) => self.fill(&pose, m),
             Err(status) => {
@@ -243,6 +256,36 @@ impl StereoVision {
             }
         }
         None
+    }
+
+    /// The taught points that are in both images.
+    fn triangulate(&mut self, left: &CameraDetections, right: &CameraDetections) {
+        self.rig.triangulate(&left.found, &right.found, &mut self.points);
+        let taught = &self.taught;
+        self.points.retain(|point| taught.p_O(point.id).is_some());
+    }
+
+    /// Takes in the reprojection errors of all points in both images, of which noise is learnt.
+    fn learn_noise(&mut self, left: &CameraDetections, right: &CameraDetections) {
+        self.errors.clear();
+        let pose = self.taught.pose(&self.points, &mut self.pairs).ok();
+        for point in self.points.iter().filter(|_| self.points.len() >= LEAST) {
+            let p_L = pose.as_ref().and_then(|pose| Some(pose.X_CO * self.taught.p_O(point.id)?));
+            let Some([at_left, at_right]) = p_L.and_then(|p_L| self.rig.project(&p_L)) else { continue };
+            self.errors.push((2 * point.id, at_left - point.left_px));
+            self.errors.push((2 * point.id + 1, at_right - point.right_px));
+        }
+        let count = self.points.len().max(1) as f64;
+        let centre = self.points.iter().map(|point| point.left_px).sum::<Vector2<f64>>() / count;
+        let squares = self.points.iter().map(|point| (point.left_px - centre).norm_squared()).sum::<f64>();
+        if is_small(&self.errors, (squares / count).sqrt()) {
+            let all = || left.found.iter().chain(&right.found);
+            let stated = all().map(|dot| dot.sd_px * dot.sd_px).sum::<f64>();
+            self.noise.note(&self.errors, stated / all().count().max(1) as f64);
+        } else {
+            self.noise.disturb();
+        }
+        self.rig.noise_px2 = self.noise.unstated_px2();
     }
 
     /// The pose of the object by absolute orientation, without outliers.

@@ -39,6 +39,8 @@ pub struct StereoRig {
     X_LR: Pose,
     triangulator: Triangulator,
     model_sd_px: f64,
+    /// Variance of each coordinate, px^2, beyond what the finders state ([`super::super::noise_level`]).
+    pub(super) noise_px2: f64,
 }
 
 impl StereoRig {
@@ -47,7 +49,14 @@ impl StereoRig {
     /// # Errors
     /// [`StereoError::Degenerate`] for cameras in one place, [`StereoError::BadGuess`] for a pose that is not finite.
     pub fn new(left: CameraModel, right: CameraModel, X_LR: Pose) -> Result<Self, StereoError> {
-        Ok(Self { left, right, X_LR, triangulator: Triangulator::new(&X_LR)?, model_sd_px: 0.0 })
+        Ok(Self {
+            left,
+            right,
+            X_LR,
+            triangulator: Triangulator::new(&X_LR)?,
+            model_sd_px: 0.0,
+            noise_px2: 0.0,
+        })
     }
 
     /// The same rig with a model error: standard deviation of each coordinate, px, by which lenses and marks differ from their description. It is
@@ -102,7 +111,7 @@ impl StereoRig {
         // Pixels as a share of normalized coordinates, where the lens has them.
         let scale = |camera: &CameraModel, s: &Vector2<f64>| camera.pixel_jacobian(s).determinant().abs();
         let (at_left, at_right) = (scale(&self.left, &pair.s_1), scale(&self.right, &pair.s_2));
-        let model = self.model_sd_px * self.model_sd_px;
+        let model = self.model_sd_px * self.model_sd_px + self.noise_px2;
         let square = |found: &Detection, scale: f64| (found.sd_px * found.sd_px + model) / scale;
         // The optimal triangulation assumes equal variances in both images.
         let variance = 0.5 * (square(left, at_left) + square(right, at_right));
