@@ -62,6 +62,8 @@ fn noise_of_points_that_nobody_told_hides_no_goal() {
         "tag",
         "chessboard",
         "dot-grid",
+        "stereo",
+        "pan_tilt-stereo",
     ];
     for sd_px in [0.03, 0.12] {
         let noise = format!("faults=[{{kind=\"point_noise\",from_s=0.0,duration_s=60.0,size_px={sd_px}}}]");
