@@ -49,6 +49,7 @@ pub fn run(
         counter: FrameCounter::default(),
         status: None,
         model_error: false,
+        noise: false,
     };
     let faults = process_faults::of(config, FaultyProcess::Vision);
     let mut images = ReportImages::new(report, &config.camera);
@@ -117,8 +118,9 @@ struct VisionWorker {
     names: Vec<String>,
     counter: FrameCounter,
     status: Option<TargetStatus>,
-    /// Whether a model error was told.
+    /// Whether a model error, and noise that no finder states, was told.
     model_error: bool,
+    noise: bool,
 }
 
 impl VisionWorker {
@@ -166,6 +168,14 @@ impl VisionWorker {
                 frame = measurement.frame_id,
                 rms_px = measurement.reprojection_rms_px,
                 "the target's points do not fit its description, but steadily so: lens, target or shutter is not as the run file says"
+            );
+        }
+        let noise_px = self.vision.unstated_noise_px();
+        if noise_px > 0.0 && !std::mem::replace(&mut self.noise, true) {
+            warn!(
+                frame = measurement.frame_id,
+                noise_px,
+                "the target's points scatter from frame to frame by more than the finder's noise: does the camera shake, the air shimmer, the light flicker, or is the stream compressed? What is measured says so from now on"
             );
         }
         let status = measurement.target_status();

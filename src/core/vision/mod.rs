@@ -223,6 +223,12 @@ impl Vision {
         }
     }
 
+    /// Standard deviation of each coordinate, px, by which points scatter from frame to frame beside what their finder states; 0 where that explains what is seen.
+    #[must_use]
+    pub fn unstated_noise_px(&self) -> f64 {
+        self.noise.unstated_px2().sqrt()
+    }
+
     /// What was seen so far says nothing about the next frame: another target was looked for meanwhile.
     fn begin_anew(&mut self) {
         self.forget_frames();

@@ -43,6 +43,12 @@ impl TargetSet {
         self.present().missed_in_words(status)
     }
 
+    /// As [`Vision::unstated_noise_px`], of the target that is looked for.
+    #[must_use]
+    pub fn unstated_noise_px(&self) -> f64 {
+        self.present().unstated_noise_px()
+    }
+
     /// Measures the target with the number `wanted` in one frame, as [`Vision::process`]; a number that no target has leaves the choice as it is, so that
     /// control, which knows the number of the measurement, refuses it. Allocates nothing.
     pub fn process(&mut self, wanted: u32, frame: &Frame<'_>, prior: &Prior) -> Measurement {
