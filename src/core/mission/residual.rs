@@ -182,11 +182,14 @@ const FALLING_SHARE: f64 = 0.05;
 /// As many times the goal's tolerance an error is beyond what noise of the view lets it swing by. Chosen by hand.
 const FAR: f64 = 20.0;
 
-/// So many times the noise of the points is an error at the most that is noise. Derived: of four points, eight coordinates, an error exceeds 1.5 times its root mean square once in 40 times, and the mean of a spell never;
-/// the rest is what the arm trembles after the noise.
-const IN_NOISE: f64 = 1.5;
-/// Share of each measurement in the mean of the noise. Chosen by hand: a second of measurements.
-const NOISE_SHARE: f64 = 0.04;
+/// So many times the noise of the points is an error at the most that is noise. Derived: the mean of a spell is that of the noise within some hundredths, and noise that is learnt from four
+/// points has a standard deviation of a quarter; the rest is what the arm trembles after the noise.
+const IN_NOISE: f64 = 2.0;
+/// Share of each measurement in the mean of the noise. Chosen by hand: four seconds of measurements.
+const NOISE_SHARE: f64 = 0.01;
+
+/// So many measurements in a row without an error are a target that is lost, and fewer some that were refused. Chosen by hand: at 25 Hz the arm then holds (`safety.measurement_timeout_ms`).
+const LOST: u32 = 5;
 
 /// Watches the feature error of an arm at rest. It takes the arm's state at every tick, and the feature error of every measurement that
 /// has one.
@@ -204,6 +207,8 @@ pub struct ResidualWatch {
     spell: Option<(MonoNs, f64, u32)>,
     /// What vision states that points scatter by, px, a mean over measurements.
     noise_px: f64,
+    /// Measurements in a row without an error.
+    missed: u32,
     /// The share of the last ticks in which a limit of speed acted.
     slowed: f64,
 }
@@ -226,7 +231,8 @@ impl ResidualWatch {
     pub fn note_error(&mut self, now: MonoNs, error_px: f64, noise_px: f64) {
         self.now = now;
         if noise_px.is_finite() {
-            self.noise_px += NOISE_SHARE * (noise_px - self.noise_px);
+            let share = if self.noise_px > 0.0 { NOISE_SHARE } else { 1.0 };
+            self.noise_px += share * (noise_px - self.noise_px);
         }
         self.note_spell(now, error_px);
         match self.since {
@@ -246,9 +252,13 @@ impl ResidualWatch {
     /// The spells restart when the target is lost, because the arm then approaches the goal anew.
     fn note_spell(&mut self, now: MonoNs, error_px: f64) {
         if error_px.is_nan() {
-            (self.means, self.spell) = ([None; 2], None);
+            self.missed = self.missed.saturating_add(1);
+            if self.missed >= LOST {
+                (self.means, self.spell) = ([None; 2], None);
+            }
             return;
         }
+        self.missed = 0;
         let (since, sum, count) = self.spell.get_or_insert((now, 0.0, 0));
         (*sum, *count) = (*sum + error_px, *count + 1);
         if now - *since >= SPELL && *count >= FEWEST {
@@ -274,9 +284,13 @@ impl ResidualWatch {
         follows: bool,
         (law, joints): (&Law, usize),
     ) -> Option<&'static str> {
+        // Means of noise differ by more than an error that falls.
+        let is_noise = |px| px > goal_px && px < IN_NOISE * self.noise_px;
+        if !follows && self.means[1].is_some_and(is_noise) {
+            return Some(WITHIN_NOISE);
+        }
         let falls = matches!(self.means, [Some(before), Some(after)] if after > FAR * goal_px && after < (1.0 - FALLING_SHARE) * before);
         let why = match (follows, law.is_torque()) {
-            (false, _) if self.means[1].is_some_and(|px| px < IN_NOISE * self.noise_px) => WITHIN_NOISE,
             _ if falls => ON_ITS_WAY,
             (true, _) if self.slowed > OFTEN => TOO_SLOW_FOR_OBJECT,
             (true, _) => BEHIND_OBJECT,

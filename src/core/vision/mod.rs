@@ -74,9 +74,9 @@ use frame_estimate::{FrameEstimate, PoseEstimator};
 pub use image_result::ImageResult;
 use mirrored::MirroredSearch;
 pub use misfit::Growth;
-use noise_level::NoiseLevel;
+use noise_level::{NoiseLevel, may_be_noise};
 pub use pose_approach::PoseApproach;
-use steady_misfit::{Errors, SteadyMisfit, is_small};
+use steady_misfit::{Errors, SteadyMisfit};
 pub use stereo::{
     Match, ObjectPose, Pairing, PairingCounts, Side, SpacePoint, StereoMeasurement, StereoRig, StereoVision,
     TaughtPoint, TaughtView, TaughtViewError,
@@ -412,7 +412,7 @@ impl Vision {
         self.estimator.errors(estimate, &mut self.errors);
         let stated_px2 = estimate.variance_px2();
         let is_undisturbed =
-            PoseEstimator::is_undisturbed(estimate) && is_small(&self.errors, estimate.extent_px());
+            PoseEstimator::is_undisturbed(estimate) && may_be_noise(&self.errors, estimate.extent_px());
         let has_whole_rims =
             self.estimator.believes_with(0.0, estimate) || self.shows_whole_rims(whole, frame);
         if is_undisturbed && has_whole_rims {

@@ -5,7 +5,7 @@
 //! differences of the reprojection errors over three frames, `e_k - 2 e_{k-1} + e_{k-2}`: a steady error and one that changes evenly while the arm moves have none, and
 //! noise of the variance `s^2` has `6 s^2`. Their median over the last frames is the noise, so that single wrong frames do not count.
 
-use super::steady_misfit::Errors;
+use super::steady_misfit::{Errors, mean_square};
 use nalgebra::Vector2;
 
 /// Frames whose noise is kept. Chosen by hand: a second at 25 Hz, over which light and vibration of a cell are as they were.
@@ -17,6 +17,15 @@ const ENOUGH: usize = 13;
 /// stated variances are a few times too small.
 const KNOWN_FROM: f64 = 4.0;
 const FORGOTTEN_BELOW: f64 = 2.0;
+
+/// Largest misfit that may be noise, as a share of the target's extent in the image. Chosen by hand: noise of 5 px leaves 3.5 px of four points, which is 0.06 of an extent of 60 px; points of
+/// another object leave tenths of it.
+const MAX_SHARE: f64 = 0.08;
+
+/// Whether the errors of a target with this `extent_px` in the image, root mean square distance of its points from their centre, may be noise, and are not those of another object.
+pub(super) fn may_be_noise(errors: &Errors, extent_px: f64) -> bool {
+    !errors.is_empty() && mean_square(errors).sqrt() <= MAX_SHARE * extent_px
+}
 
 /// Second differences of the reprojection errors of the last frames.
 #[derive(Debug, Clone, Default)]

@@ -69,7 +69,7 @@ impl SteadyMisfit {
 
     /// Whether the errors have been alike for long enough to be a model error of a target with this extent in the image, px.
     pub(super) fn is_steady(&self, extent_px: f64) -> bool {
-        self.frames >= ENOUGH && is_small(&self.last, extent_px)
+        self.frames >= ENOUGH && mean_square(&self.last).sqrt() <= MAX_SHARE * extent_px
     }
 
     /// Accepts the misfit of the last frame, whose points have the variance `variance_px2` in each coordinate.
@@ -99,13 +99,8 @@ fn are_alike(errors: &Errors, before: &Errors, variance_px2: f64) -> bool {
     common >= 4 && 2 * common >= before.len() && change <= common as f64 * CHANGE * CHANGE * size + noise
 }
 
-/// Whether the errors of a target with this extent in the image, px, are not those of another object.
-pub(super) fn is_small(errors: &Errors, extent_px: f64) -> bool {
-    !errors.is_empty() && mean_square(errors).sqrt() <= MAX_SHARE * extent_px
-}
-
 /// Mean of the squares of errors, px^2; zero of none.
-fn mean_square(errors: &Errors) -> f64 {
+pub(super) fn mean_square(errors: &Errors) -> f64 {
     errors.iter().map(|(_, e)| e.norm_squared()).sum::<f64>() / errors.len().max(1) as f64
 }
 

@@ -25,8 +25,8 @@ pub use pairing::{Match, Pairing, PairingCounts, Side};
 pub use rig::{SpacePoint, StereoRig};
 pub use taught::{ObjectPose, TaughtPoint, TaughtView, TaughtViewError};
 
-use super::noise_level::NoiseLevel;
-use super::steady_misfit::{Errors, is_small};
+use super::noise_level::{NoiseLevel, may_be_noise};
+use super::steady_misfit::Errors;
 use super::{Frame, misfit};
 use crate::camera_model::Response;
 use crate::detect::{Detection, Finder};
@@ -278,7 +278,7 @@ impl StereoVision {
         let count = self.points.len().max(1) as f64;
         let centre = self.points.iter().map(|point| point.left_px).sum::<Vector2<f64>>() / count;
         let squares = self.points.iter().map(|point| (point.left_px - centre).norm_squared()).sum::<f64>();
-        if is_small(&self.errors, (squares / count).sqrt()) {
+        if may_be_noise(&self.errors, (squares / count).sqrt()) {
             let all = || left.found.iter().chain(&right.found);
             let stated = all().map(|dot| dot.sd_px * dot.sd_px).sum::<f64>();
             self.noise.note(&self.errors, stated / all().count().max(1) as f64);
