@@ -45,6 +45,7 @@ use nalgebra::{SVector, Vector6};
 use rest::Standstill;
 pub use rest::UnknownJoint;
 use returning::ReturnWatch;
+use torque_law::Pushes;
 
 /// A reference that is this near to the measured arm (rad or m; rad/s or m/s) is not reset to it. Chosen by hand: four steps of the
 /// coarsest encoders that are tested, and a velocity that the joint controller corrects within the limits.
@@ -74,6 +75,8 @@ pub struct Controller<const N: usize> {
     velocity: VelocityMotion<N>,
     /// Whether friction is probed, so that the reference stands.
     probes: bool,
+    /// How a law of torques pushes the joints.
+    pushes: Pushes<N>,
     /// Whether the end of the behaviour's motion was reported.
     over_told: bool,
     joint_control: JointController<N>,
@@ -144,6 +147,7 @@ impl<const N: usize> Controller<N> {
             posture: PostureMotion::default(),
             velocity: VelocityMotion::default(),
             probes: false,
+            pushes: Pushes::default(),
             over_told: false,
             joint_control,
             learning: 1.0,

@@ -19,9 +19,6 @@ const MOVES: f64 = 0.05;
 /// The share of what was learnt of a load that may still be wrong while it is learnt. Chosen by hand: without it untold loads of 1 to 1.5 kg on scara-c ended as a joint that does not follow, with it
 /// none of 0.5 to 3 kg does; what holds a joint that is jammed is learnt too, and four fifths of the push on it count.
 const LOAD_DOUBT: f64 = 0.2;
-/// Mean time for which a joint under a torque law is assumed to have accelerated, s: its mean speed over the 0.4 s in which joints must
-/// follow (`control/safety/arm.rs`) is, from rest, the acceleration times half of that time.
-const START_S: f64 = 0.2;
 /// Rate at which a torque law is taken to converge that does not say it, 1/s. Chosen by hand: the gain of the shipped velocity laws.
 const UNKNOWN_RATE_1_S: f64 = 15.0;
 /// Rate at which a reference goes back to an arm that has not followed it, after a fault in position mode, 1/s. Chosen by hand: the
@@ -140,12 +137,12 @@ impl<const N: usize> Controller<N> {
         let loose = robot.forward_dynamics(&state.q, &state.qd, &loose) + stilled;
         // Nor farther than the limits let it: they act joint by joint, and may hold one back that its torque would drive away. Of a joint that moves it is
         // seen that nothing holds it, also where it is braked and turns back.
-        let way = SVector::from_fn(|i, _| {
+        let pushed = SVector::from_fn(|i, _| {
             let agree = loose[i] * qdd[i] > 0.0 && after.qdd[i] * qdd[i] > 0.0;
             let stands = state.qd[i].abs() < MOVES;
-            let pushed = if agree && stands { loose[i].abs().min(after.qdd[i].abs()) } else { 0.0 };
-            pushed * loose[i].signum() * START_S * TICK.as_s()
+            if agree && stands { loose[i].abs().min(after.qdd[i].abs()) * loose[i].signum() } else { 0.0 }
         });
+        let way = self.pushes.way(&pushed);
         TickMotion { now: ReferenceState { q: state.q, qd: state.qd, ..after }, limits, follows: false, way }
     }
 

@@ -62,6 +62,33 @@ pub(super) fn stilled<const N: usize>(qd: &SVector<f64, N>, J: &CameraJacobian<N
     seek_null_motion(&all, J, qd).map_or_else(SVector::zeros, |free| free * -STILL_1_S)
 }
 
+/// Mean time for which a joint under a torque law is at most assumed to have accelerated, s: its mean speed over the 0.4 s in which joints must
+/// follow (`control/safety/arm.rs`) is, from rest, the acceleration times half of that time.
+const START_S: f64 = 0.2;
+
+/// The speeds that joints should have which a torque law pushes and which stand, rad/s or m/s. A law whose view is noisy pushes forth and back, and each push begins anew: taken for pushes of 0.2 s, those of
+/// 1 px made free joints of scara-a and scara-c ones that do not follow.
+#[derive(Debug, Clone)]
+pub(super) struct Pushes<const N: usize>(SVector<f64, N>);
+
+impl<const N: usize> Default for Pushes<N> {
+    fn default() -> Self {
+        Self(SVector::zeros())
+    }
+}
+
+impl<const N: usize> Pushes<N> {
+    /// Takes in the accelerations of a tick, rad/s^2 or m/s^2, 0 of joints that are not pushed or move; the displacement that each joint should make in it, rad or m.
+    pub(super) fn way(&mut self, pushed: &SVector<f64, N>) -> SVector<f64, N> {
+        self.0.zip_apply(pushed, |speed, pushed| {
+            let begun = if *speed * pushed > 0.0 { speed.abs() } else { 0.0 };
+            let most = pushed.abs() * START_S;
+            *speed = pushed.signum() * (begun + pushed.abs() * TICK.as_s()).min(most);
+        });
+        self.0 * TICK.as_s()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -118,6 +145,25 @@ mod tests {
             prop_assert!((J.matrix() * still).norm() < 1e-4 * still.norm(), "the camera is left alone");
             prop_assert!(still.dot(&vector(qd)) <= 0.0);
         }
+    }
+
+    #[test]
+    fn pushes_forth_and_back_move_little() {
+        let farthest = |period: u32| {
+            let (mut pushes, mut gone, mut most) = (Pushes::<1>::default(), 0.0, 0.0_f64);
+            for k in 0..400 {
+                let sign = if k / period % 2 == 0 { 1.0 } else { -1.0 };
+                gone += pushes.way(&SVector::repeat(2.0 * sign))[0];
+                most = most.max(gone.abs());
+            }
+            most
+        };
+        assert!((farthest(40) - 0.5 * 2.0 * 0.04_f64.powi(2)).abs() < 1e-4, "a push of 40 ms");
+        // From rest to the speed after 0.2 s, and on with that.
+        assert!((farthest(400) - (0.04 + 0.4 * 0.2)).abs() < 1e-3);
+        let mut pushes = Pushes::<1>::default();
+        (0..100).for_each(|_| _ = pushes.way(&SVector::repeat(2.0)));
+        assert_eq!(pushes.way(&SVector::zeros())[0], 0.0, "one that moves or is let go");
     }
 
     #[test]
