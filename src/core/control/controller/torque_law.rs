@@ -152,7 +152,7 @@ mod tests {
         let farthest = |period: u32| {
             let (mut pushes, mut gone, mut most) = (Pushes::<1>::default(), 0.0, 0.0_f64);
             for k in 0..400 {
-                let sign = if k / period % 2 == 0 { 1.0 } else { -1.0 };
+                let sign = if (k / period).is_multiple_of(2) { 1.0 } else { -1.0 };
                 gone += pushes.way(&SVector::repeat(2.0 * sign))[0];
                 most = most.max(gone.abs());
             }
