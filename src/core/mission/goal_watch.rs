@@ -7,7 +7,7 @@ use super::{Goal, Mission};
 use crate::control::outcome::{Finish, Outcome};
 use crate::control::trace::Event;
 use crate::messages::Measurement;
-use crate::servo::{SetPoint, View};
+use crate::servo::{SetPoint, View, stated_px2};
 use crate::time::{MonoNs, SpanNs};
 use nalgebra::Vector2;
 
@@ -47,12 +47,6 @@ impl<const N: usize> Mission<N> {
         let Self { goal, goal_watch, plan, .. } = self;
         goal_watch.watch((now, m), (error_px, arrived), (&goal.set_point, goal), &plan.f_px);
     }
-}
-
-/// Mean variance of a point's place that vision states, both coordinates together, px^2.
-pub(super) fn stated_px2(m: &Measurement) -> f64 {
-    let variances = m.features().iter().map(|point| 2.0 * point.sd_px * point.sd_px);
-    variances.sum::<f64>() / m.features().len().max(1) as f64
 }
 
 impl GoalWatch {

@@ -61,7 +61,7 @@ use crate::time::MonoNs;
 use accuracy::RunViewLog;
 use errors::TrueGoal;
 use goal_path::TrackingSums;
-use goal_watch::{GoalWatch, stated_px2};
+use goal_watch::GoalWatch;
 use nalgebra::SVector;
 use requests::MissionChange;
 use residual::{
@@ -310,7 +310,7 @@ impl<const N: usize> Mission<N> {
         if verdict.is_some_and(MeasurementVerdict::is_refused) {
             return;
         }
-        self.residual.note_error(trace.time, error_px, stated_px2(m).sqrt());
+        self.residual.note_error(trace.time, error_px, crate::servo::stated_px2(m).sqrt());
         self.note_tracking(m.exposure, error_px);
         let arrived = self.has_arrived(m.exposure);
         self.watch_goal(trace.time, m, error_px, arrived);

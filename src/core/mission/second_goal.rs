@@ -1,7 +1,7 @@
 //! The goal of a second camera that controls the arm beside the first one: it is counted and judged by itself, and a run has reached its goal when both have.
 
 use super::errors::{TrueGoal, errors_of};
-use super::goal_watch::{CONVERGED, GoalWatch, stated_px2};
+use super::goal_watch::{CONVERGED, GoalWatch};
 use super::residual::{ResidualWatch, is_at_its_end};
 use super::{FinalErrors, Goal, MeasurementLog, Mission};
 use crate::control::outcome::Finish;
@@ -94,7 +94,7 @@ impl<const N: usize> SecondGoal<N> {
             self.measurements.commanded(record.latency);
         }
         if !verdict.is_some_and(MeasurementVerdict::is_refused) {
-            self.residual.note_error(trace.time, error_px, stated_px2(m).sqrt());
+            self.residual.note_error(trace.time, error_px, crate::servo::stated_px2(m).sqrt());
             self.watch.watch((trace.time, m), (error_px, true), (&self.set_point, goal), &self.f_px);
         }
     }

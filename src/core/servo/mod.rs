@@ -123,4 +123,5 @@ pub use stability::{Margins, Stability, StabilityMargin, error_motion, felt_shar
 pub use unobserved_motion::UnobservedMotion;
 pub use view::View;
 pub use visibility::VisibilityGuard;
+pub(crate) use visual_servo::stated_px2;
 pub use visual_servo::{MAX_TARGETS, VisualServo};

@@ -28,6 +28,7 @@ use crate::geometry::Pose;
 use crate::messages::{Measurement, TargetStatus};
 use crate::robot::{CameraJacobian, JointHistory, Robot};
 use crate::time::{MonoNs, SpanNs};
+pub(crate) use covariance::stated_px2;
 use covariance::{covariance_in, stated_covariance};
 use nalgebra::{Matrix6, SVector, Vector6};
 pub use target_change::MAX_TARGETS;

@@ -13,9 +13,10 @@ const FRAMES: usize = 25;
 /// So many of them tell the noise. Derived: one wrong frame is in three of the differences, and two such frames are fewer than half of thirteen. Of four points, two degrees of freedom each,
 /// their median has the noise's deviation to a quarter. At 25 Hz an arm begins 0.6 s after its first frame.
 const ENOUGH: usize = 13;
-/// Factor by which the variance exceeds the stated one from which on it is noise that the finder does not know, and below which it is forgotten. Chosen by hand: in strong blur
-/// stated variances are a few times too small.
+/// Factor by which the variance exceeds the stated one from which on it is noise that the finder does not know. Chosen by hand: in strong blur stated variances are a few times
+/// too small.
 const KNOWN_FROM: f64 = 4.0;
+/// The same below which it is forgotten. Chosen by hand: half of it, so that a level at the border does not come and go.
 const FORGOTTEN_BELOW: f64 = 2.0;
 
 /// Largest misfit that may be noise, as a share of the target's extent in the image. Chosen by hand: noise of 5 px leaves 3.5 px of four points, which is 0.06 of an extent of 60 px; points of
@@ -130,7 +131,7 @@ mod tests {
         (0..12).map(|_| random.between(-0.5, 0.5)).sum()
     }
 
-    /// Errors of `count` points that leave two degrees of freedom of each point but three, as a pose does: one of eight points and more, nearly all.
+    /// Errors of `count` points before any pose is fitted.
     fn noise(count: u32, sd_px: f64, random: &mut Random) -> Errors {
         (0..count).map(|id| (id, Vector2::new(gauss(random), gauss(random)) * sd_px)).collect()
     }
@@ -143,6 +144,7 @@ mod tests {
         (0..4).zip(signs.map(error)).collect()
     }
 
+    /// Of points that are found to 0.01 px.
     const STATED_PX2: f64 = 1e-4;
 
     #[test]

@@ -9,6 +9,12 @@ pub(super) fn stated_covariance(measurement: &Measurement) -> Matrix6<f64> {
     Matrix6::from_row_slice(&measurement.pose_covariance)
 }
 
+/// Mean variance of a point's place that vision states, both coordinates together, px^2.
+pub(crate) fn stated_px2(m: &Measurement) -> f64 {
+    let variances = m.features().iter().map(|point| 2.0 * point.sd_px * point.sd_px);
+    variances.sum::<f64>() / m.features().len().max(1) as f64
+}
+
 /// The covariance of a twist `[v; w]`, given in C, transformed to W.
 pub(super) fn covariance_in(X_WC: &Pose, covariance: &Matrix6<f64>) -> Matrix6<f64> {
     let R = X_WC.rotation.to_rotation_matrix();

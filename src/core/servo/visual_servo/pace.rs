@@ -1,5 +1,6 @@
 //! The effective gain of a resolved-velocity law: reduced near the goal and for an arm that oscillates, raised where the law uses predicted views.
 
+use super::covariance::stated_px2;
 use super::{ServoGoal, ServoSettings, View, VisualServo};
 use crate::messages::{FeaturePoint, Measurement, measurement_flag};
 use crate::servo::{InteractionAt, Law};
@@ -85,9 +86,8 @@ pub(super) fn noise_of(m: &Measurement) -> f64 {
         let mean = m.features().iter().map(of).sum::<Vector2<f64>>() / count;
         m.features().iter().map(|f| (of(f) - mean).norm_squared()).sum::<f64>()
     };
-    let variance_px2 = m.features().iter().map(|f| 2.0 * f.sd_px * f.sd_px).sum::<f64>() / count;
     // The lens' scale where the target is.
-    let noise = (variance_px2 * spread(&normalized) / spread(&px)).sqrt();
+    let noise = (stated_px2(m) * spread(&normalized) / spread(&px)).sqrt();
     if noise.is_finite() { noise } else { 0.0 }
 }
 
