@@ -35,6 +35,7 @@ mod found_steps;
 mod friction;
 mod model_change;
 mod past;
+mod reversals;
 mod settings;
 mod sticking;
 mod unheard;
@@ -53,6 +54,7 @@ use found_steps::FoundSteps;
 use friction::{FrictionShare, TorqueResidual};
 use nalgebra::SVector;
 use past::Past;
+use reversals::Reversals;
 use sticking::{StandingTick, Sticking};
 use untold_friction::UntoldFriction;
 
@@ -96,8 +98,9 @@ const RATE_AT_REST: f64 = 0.02;
 pub(super) struct Commanded<const N: usize> {
     /// Acceleration, with the disturbance compensated.
     pub(super) u: SVector<f64, N>,
-    /// Mean velocity for which friction is compensated.
+    /// Mean velocity for which friction is compensated, and the one for which its Coulomb part is.
     pub(super) w: SVector<f64, N>,
+    pub(super) w_coulomb: SVector<f64, N>,
     /// Velocity that is requested.
     pub(super) velocity: SVector<f64, N>,
     /// Torque of the feedback.
@@ -151,6 +154,7 @@ pub(super) struct JointObserver<const N: usize> {
     /// Joints whose encoders are not trusted: nothing is learnt from them.
     unheard: [bool; N],
     sticking: Sticking<N>,
+    reversals: Reversals<N>,
 }
 
 impl<const N: usize> JointObserver<N> {
@@ -177,6 +181,7 @@ impl<const N: usize> JointObserver<N> {
             heard: (zero, zero, zero),
             unheard: [false; N],
             sticking: Sticking::default(),
+            reversals: Reversals::default(),
         }
     }
 
@@ -198,8 +203,8 @@ impl<const N: usize> JointObserver<N> {
         self.sticking.slip_share()
     }
 
-    /// The share of its Coulomb friction that each joint gets towards its reference because it sticks; none for joints that do not.
-    pub(super) fn coulomb_share(&self) -> SVector<f64, N> {
+    /// The share of its Coulomb friction that each joint gets towards its reference because it sticks; `None` for joints that do not.
+    pub(super) fn coulomb_share(&self) -> [Option<f64>; N] {
         self.sticking.coulomb_share()
     }
 
@@ -394,6 +399,10 @@ impl<const N: usize> JointObserver<N> {
                     + (self.t[i].abs() + LOOSE * friction.coulomb) / settings.inertia[i],
             };
             self.sticking.note(i, probing, &standing);
+            self.reversals.note(i, commanded.velocity[i]);
+            if self.reversals.is_recent(i) && friction.coulomb > 0.0 {
+                rate = 0.0;
+            }
             if rate > 0.0 && !probing {
                 // The mean over the step, as for the compensation: at its end the friction of a joint that reverses has the other sign. What
                 // is not confirmed neither acts nor is compensated.
@@ -403,7 +412,7 @@ impl<const N: usize> JointObserver<N> {
                     * confirmed.min(1.0)
                     * (friction.viscous * (speed - commanded.w[i] - commanded.extra[i])
                         + friction.coulomb_part(speed, width)
-                        - friction.coulomb_part(commanded.w[i], width));
+                        - friction.coulomb_part(commanded.w_coulomb[i], width));
                 // The share that is learnt is one of what is confirmed: a nominal friction is many times the true one.
                 let known = self.confirmed.share()[i];
                 let residual = TorqueResidual {

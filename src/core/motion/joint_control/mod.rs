@@ -12,7 +12,7 @@
 //! ```
 //! The friction `F` of the robot file is evaluated at the reference's velocity, which does not chatter about zero as
 //! a measured one does. Its viscous part `D` is also compensated for the velocity `rate e` at which an error is to decay (for joints that stick, four times that,
-//! with half of `D` as damping, and `F` by the sign of the error beside that of the reference's velocity): a light wrist
+//! with half of `D` as damping, and `F` by the sign of the error beside that of the reference's velocity; for the others, where the reference jitters, Coulomb friction is compensated for a tenth of `rate e`): a light wrist
 //! with much friction is moved against its friction, not against its inertia. `B p + t` is the disturbance that
 //! the [observer](super::joint_observer) estimates. The model is evaluated at the posture in the middle of the step.
 
@@ -372,9 +372,11 @@ impl<const N: usize> JointController<N> {
     ) -> JointTorque<N> {
         let torque = cut(robot, given);
         self.applied = Some(torque.tau);
+        let mean = feedback.velocity - feedback.u * (0.5 * TICK.as_s());
         self.observer.command(Commanded {
             u: feedback.u + acceleration(robot, q, &(torque.tau - wanted)),
-            w: feedback.velocity + feedback.slip - feedback.u * (0.5 * TICK.as_s()),
+            w: mean + feedback.slip,
+            w_coulomb: mean + self.coulomb_slip(feedback),
             velocity: feedback.velocity,
             feedback: feedback.torque,
             friction,
@@ -409,12 +411,17 @@ impl<const N: usize> JointController<N> {
         let model = SVector::<f64, N>::from_fn(|i, _| joints[i].torque(feedback.velocity[i]));
         let extra = sticking::extra_velocity(&self.observer.slip_share(), qd, feedback);
         let mut friction = model;
-        let coulomb = if self.soft { SVector::zeros() } else { self.observer.coulomb_share() };
-        let steps = self.observer.encoder_step();
+        let (coulomb, beyond) = (self.observer.coulomb_share(), self.coulomb_slip(feedback));
+        let (steps, jitters) = (self.observer.encoder_step(), self.observer.jitters());
         for (i, joint) in joints.iter().enumerate() {
             let (velocity, slip) = (feedback.velocity[i], feedback.slip[i]);
             friction[i] += joint.viscous * (slip + extra[i]);
-            friction[i] += coulomb[i] * sticking::towards_reference(joint, velocity, slip, steps[i]);
+            friction[i] += match coulomb[i] {
+                _ if self.soft => 0.0,
+                Some(share) => share * sticking::towards_reference(joint, velocity, slip, steps[i]),
+                None if !jitters[i] => 0.0,
+                None => joint.coulomb_part(velocity + beyond[i], 0.0) - joint.coulomb_part(velocity, 0.0),
+            };
         }
         let accelerations = [&(feedback.u - p), &self.stall.expected(&feedback.expected)];
         let [wanted, expected] = robot.inverse_dynamics_of(&q_mid, &qd_mid, accelerations);

@@ -98,10 +98,9 @@ impl<const N: usize> Sticking<N> {
         self.calm.zip_map(&self.stiffness, |calm, stiffness| if stiffness > 0.0 { calm } else { 0.0 })
     }
 
-    /// The share of its Coulomb friction that each joint gets towards its reference; none for joints that do not stick.
-    pub(super) fn coulomb_share(&self) -> SVector<f64, N> {
-        let share = |i: usize| self.calm[i] * self.breakaway.share(i);
-        SVector::from_fn(|i, _| if self.sticks(i) { share(i) } else { 0.0 })
+    /// The share of its Coulomb friction that each joint gets towards its reference; `None` for joints that do not stick.
+    pub(super) fn coulomb_share(&self) -> [Option<f64>; N] {
+        std::array::from_fn(|i| self.sticks(i).then(|| self.calm[i] * self.breakaway.share(i)))
     }
 
     fn sticks(&self, i: usize) -> bool {
@@ -180,11 +179,11 @@ mod tests {
     fn what_sticks_behind_coarse_encoders_gets_friction_alone() {
         let share = |speed, encoder, slip| watched(speed, encoder, slip).coulomb_share()[0];
         for step in [0.0, 1e-5, 1e-4, 2e-4, 1e-3] {
-            assert_eq!(share(0.0, (step, true), 4e-3), 1.0, "{step}");
-            assert_eq!(share(3e-3, (step, true), 4e-3), 0.0, "{step}: one that moves");
-            assert_eq!(share(0.0, (step, true), 5e-5), 0.0, "{step}: one that is to stand");
+            assert_eq!(share(0.0, (step, true), 4e-3), Some(1.0), "{step}");
+            assert_eq!(share(3e-3, (step, true), 4e-3), None, "{step}: one that moves");
+            assert_eq!(share(0.0, (step, true), 5e-5), None, "{step}: one that is to stand");
         }
-        assert_eq!(share(0.0, (1e-3, false), 4e-3), 0.0, "an encoder that is taken for exact");
+        assert_eq!(share(0.0, (1e-3, false), 4e-3), None, "an encoder that is taken for exact");
     }
 
     #[test]
