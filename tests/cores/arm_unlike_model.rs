@@ -234,7 +234,7 @@ fn long_campaign() {
     assert!(share >= 0.99, "{share}");
 }
 
-/// Two arms with everything in every run file, the hardest kind, to the default goal. Most converge, 294 of 336 with another seed (295 before references that jitter were told from others); 28 scatter about that by 6 %. The others
+/// Two arms with everything in every run file, the hardest kind, to the default goal. Most converge, 599 of 672 with two other seeds (598 before references that jitter were told from others); 28 scatter about that by 6 %. The others
 /// have coarse encoders, a load and late commands together, or wrists with much friction, and swing by 0.1 to 3 px.
 #[test]
 fn short_campaign() {

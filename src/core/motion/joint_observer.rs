@@ -399,8 +399,7 @@ impl<const N: usize> JointObserver<N> {
                     + (self.t[i].abs() + LOOSE * friction.coulomb) / settings.inertia[i],
             };
             self.sticking.note(i, probing, &standing);
-            self.reversals.note(i, commanded.velocity[i]);
-            if self.reversals.is_recent(i) && friction.coulomb > 0.0 {
+            if self.reversals.note(i, commanded.velocity[i]) && friction.coulomb > 0.0 {
                 rate = 0.0;
             }
             if rate > 0.0 && !probing {

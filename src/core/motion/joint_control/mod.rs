@@ -373,10 +373,11 @@ impl<const N: usize> JointController<N> {
         let torque = cut(robot, given);
         self.applied = Some(torque.tau);
         let mean = feedback.velocity - feedback.u * (0.5 * TICK.as_s());
+        let smooth = self.smooth_slips(feedback);
         self.observer.command(Commanded {
             u: feedback.u + acceleration(robot, q, &(torque.tau - wanted)),
             w: mean + feedback.slip,
-            w_coulomb: mean + self.coulomb_slip(feedback),
+            w_coulomb: mean + SVector::from_fn(|i, _| smooth[i].unwrap_or(feedback.slip[i])),
             velocity: feedback.velocity,
             feedback: feedback.torque,
             friction,
@@ -411,16 +412,17 @@ impl<const N: usize> JointController<N> {
         let model = SVector::<f64, N>::from_fn(|i, _| joints[i].torque(feedback.velocity[i]));
         let extra = sticking::extra_velocity(&self.observer.slip_share(), qd, feedback);
         let mut friction = model;
-        let (coulomb, beyond) = (self.observer.coulomb_share(), self.coulomb_slip(feedback));
-        let (steps, jitters) = (self.observer.encoder_step(), self.observer.jitters());
+        let (coulomb, smooth) = (self.observer.coulomb_share(), self.smooth_slips(feedback));
+        let steps = self.observer.encoder_step();
         for (i, joint) in joints.iter().enumerate() {
             let (velocity, slip) = (feedback.velocity[i], feedback.slip[i]);
             friction[i] += joint.viscous * (slip + extra[i]);
-            friction[i] += match coulomb[i] {
-                _ if self.soft => 0.0,
-                Some(share) => share * sticking::towards_reference(joint, velocity, slip, steps[i]),
-                None if !jitters[i] => 0.0,
-                None => joint.coulomb_part(velocity + beyond[i], 0.0) - joint.coulomb_part(velocity, 0.0),
+            friction[i] += match (coulomb[i], smooth[i]) {
+                (Some(share), _) if !self.soft => {
+                    share * sticking::towards_reference(joint, velocity, slip, steps[i])
+                }
+                (_, Some(slip)) => sticking::beyond_reference(joint, velocity, slip),
+                _ => 0.0,
             };
         }
         let accelerations = [&(feedback.u - p), &self.stall.expected(&feedback.expected)];
