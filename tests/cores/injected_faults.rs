@@ -56,9 +56,9 @@ fn every_fault_ends_as_it_should_within_limits() {
             _ => {}
         }
         // An arm whose motor is gone cannot rest.
-        let has_no_brake = job.case.ends.has_no_brake;
-        assert!(run.is_right && (run.is_at_rest || has_no_brake), "{}", at());
-        if has_no_brake {
+        let within = job.case.ends.moves_within;
+        assert!(run.is_right && (run.is_at_rest || run.speed_by_limit <= within), "{}", at());
+        if within.is_infinite() {
             continue;
         }
         assert!(run.speed_by_limit < 1.1, "{}", at());
@@ -80,9 +80,9 @@ fn faults_of_arms_unlike_their_models_drive_no_arm_away() {
     let mut right = 0;
     for run in &runs {
         assert!(run.is_finite && run.commanded_by_limit < 1.0001, "{run:?}");
-        // A wrist that rests as its encoder freezes looks blocked when it is to move, and is pushed until that is told: of the draws here one is flung to 11.8 times its limit.
+        // A wrist that rests as its encoder freezes looks blocked when it is to move, and is pushed until that is told.
         let most = match run.case {
-            "encoder-freeze" => 15.0,
+            "encoder-freeze" => 5.0,
             "torque-gone" => 2.5,
             _ => 1.1,
         };
@@ -101,7 +101,7 @@ fn encoders_that_freeze_for_a_while_spoil_no_run() {
             let fault = format!(
                 "faults=[{{kind=\"encoder_freeze\",from_s={from_s},duration_s={duration_s},joint={joint}}}]"
             );
-            let (fastest, last, outcome) = fastest(arm, &fault);
+            let (fastest, last, outcome, _) = fastest(arm, &[&fault]);
             assert!(fastest < 1.1 && last < 0.02, "{arm}, {fault}: {fastest} {last}");
             // What freezes in motion, for longer than 30 ms, is a fault.
             assert!(matches!(outcome, Outcome::Converged | Outcome::Fault), "{arm}, {fault}: {outcome:?}");
@@ -130,9 +130,10 @@ fn states(set: &[&str], ticks: u64) -> (Vec<JointState>, Vec<Vec<u8>>) {
     (states, images)
 }
 
-/// The largest and the last speed of the true joints by their limits in a run of `arm` with `fault`, and its outcome.
-fn fastest(arm: &str, fault: &str) -> (f64, f64, Outcome) {
-    let config = Config::load(Some(Path::new(arm)), &named(&[fault, "run.clock=lockstep"])).unwrap();
+/// The largest and the last speed of the true joints by their limits in a run of `arm` with `set`, its outcome, and why.
+fn fastest(arm: &str, set: &[&str]) -> (f64, f64, Outcome, &'static str) {
+    let config =
+        Config::load(Some(Path::new(arm)), &named(&[set, &["run.clock=lockstep"]].concat())).unwrap();
     let limits: Vec<f64> = config.robot.joints.iter().map(|joint| joint.limits.velocity).collect();
     let (mut fastest, mut last) = (0.0_f64, 0.0_f64);
     let run = simulate_system(&config, &mut |moment| {
@@ -144,7 +145,7 @@ fn fastest(arm: &str, fault: &str) -> (f64, f64, Outcome) {
         Continue(())
     })
     .unwrap();
-    (fastest, last, run.finish.outcome)
+    (fastest, last, run.finish.outcome, run.finish.reason)
 }
 
 /// Joints and times that the campaign does not have, and an arm with a sliding joint. A joint that has hardly begun to move cannot be told from one that is blocked: it may swing
@@ -159,7 +160,7 @@ fn an_encoder_that_freezes_drives_no_arm_away() {
             let fault = format!(
                 "faults=[{{kind=\"encoder_freeze\",from_s={from_s},duration_s=100.0,joint={joint}}}]"
             );
-            let (fastest, last, outcome) = fastest(arm, &fault);
+            let (fastest, last, outcome, _) = fastest(arm, &[&fault]);
             assert!(fastest < 1.1, "{arm}, joint {joint}, {from_s} s: {fastest} times the speed limit");
             runs += 1;
             told += u32::from(outcome == Outcome::Fault);
@@ -168,6 +169,41 @@ fn an_encoder_that_freezes_drives_no_arm_away() {
     }
     // Where the frozen joint has nothing more to do, the arm comes to its goal all the same.
     assert!(runs == 21 && told >= 15 && at_rest >= 16, "{runs} runs, {told} told, {at_rest} at rest");
+}
+
+/// Encoders that freeze in the slow first centimetre, or as their joint stands, on arms with loads, rotors and friction that no file tells. Nothing tells the second from a joint that sticks, until it is pushed by more than
+/// friction takes; a light wrist is fast by then. Without that bound the UR5 came to 6.2 times its limits here.
+#[test]
+fn encoders_that_freeze_in_slow_joints_fling_none() {
+    let unlike = |load, friction: &str, delay| {
+        vec![
+            format!("drive.simulated.payload_kg={load}"),
+            "drive.simulated.untold_rotor_share=0.4".to_owned(),
+            friction.to_owned(),
+            format!("drive.simulated.command_delay_ticks={delay}"),
+        ]
+    };
+    let arms = [
+        ("ur5", 6, unlike(2.0, "drive.simulated.untold_coulomb_share=0.03", 1), 2.5),
+        ("xarm7", 7, unlike(1.0, "drive.simulated.friction_spread=0.3", 0), 2.5),
+        ("panda", 7, unlike(1.0, "drive.simulated.untold_coulomb_share=0.01", 2), 5.0),
+    ];
+    for (arm, joints, set, most) in arms {
+        let mut told = 0;
+        for joint in 0..joints {
+            for from_s in [0.11, 0.23] {
+                let fault = format!(
+                    "faults=[{{kind=\"encoder_freeze\",from_s={from_s},duration_s=100.0,joint={joint}}}]"
+                );
+                let set: Vec<&str> = set.iter().map(String::as_str).chain([fault.as_str()]).collect();
+                let (fastest, _, outcome, reason) = fastest(arm, &set);
+                println!("{arm} {joint} {from_s}: {fastest} {outcome:?} {reason}");
+                assert!(fastest < most, "{arm}, joint {joint}, {from_s} s: {fastest} times the speed limit");
+                told += u32::from(reason.contains("reading"));
+            }
+        }
+        assert!(told >= 2 * joints - 3, "{arm}: {told}");
+    }
 }
 
 /// A motor that does nothing from then on, in each joint that turns: the others take energy out of the arm and bring none in. What is left is what weight does: a joint about a
@@ -183,7 +219,7 @@ fn a_dead_motor_is_not_made_up_for_by_the_others() {
             let fault = format!(
                 "faults=[{{kind=\"torque_loss\",share=1.0,from_s=0.5,duration_s=100.0,joint={joint}}}]"
             );
-            let (fastest, _, outcome) = fastest(arm, &fault);
+            let (fastest, _, outcome, _) = fastest(arm, &[&fault]);
             let most = if upright.contains(&joint) { 2.5 } else { 5.0 };
             assert!(fastest < most, "{arm}, joint {joint}: {fastest} times the speed limit");
             assert!(

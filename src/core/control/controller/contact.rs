@@ -59,6 +59,12 @@ impl<const N: usize> Controller<N> {
         }
         let acts = self.state.moves() && self.fault.is_none() && self.failure.is_none();
         let Some(state) = observed.filter(|_| acts) else { return };
+        let steps = self.joint_control.encoder_step();
+        let stays = std::array::from_fn(|i| self.encoder_watch.stays(i, now, steps[i]));
+        if self.mode == CommandMode::Torque && self.contact_watch.is_stuck(&self.arm.robot, &stays) {
+            self.fail(Fault::StuckReading);
+            return;
+        }
         let robot = self.joint_control.carrying(&self.arm.robot);
         if let Some(contact) = self.contact_watch.contact(robot, &state.q) {
             self.contact = Some(contact);
@@ -74,7 +80,7 @@ impl<const N: usize> Controller<N> {
 
     /// The motion of an arm that does not move by itself: back from a contact, or none.
     pub(super) fn motion_back(&mut self, now: MonoNs) -> MotionCommand<N> {
-        let is_over = |back: &WayBack<N>| now > back.until || self.fault != Some(Fault::Contact);
+        let is_over = |back: &WayBack<N>| now > back.until || !self.fault.is_some_and(Fault::is_contact);
         if self.back.as_ref().is_some_and(is_over) {
             self.back = None;
         }
@@ -118,7 +124,7 @@ impl<const N: usize> Controller<N> {
         if is_wild || !heard {
             control.brake_by_joint(q);
         } else if !is_overdue {
-            if self.fault == Some(Fault::Contact) && is_let_go {
+            if self.fault.is_some_and(Fault::is_contact) && is_let_go {
                 control.brake_by_model();
             }
         } else if !control.brakes_by_joint() {
@@ -135,14 +141,14 @@ impl<const N: usize> Controller<N> {
         let is_held = self.fault.is_some_and(Fault::is_of_robot) || self.rest_watch.is_at_rest();
         let sinks =
             !self.floats() && self.back.is_none() && self.touched_at.is_none_or(|at| now - at > BRAKED);
-        let touches = self.fault == Some(Fault::Contact) && !sinks;
+        let touches = self.fault.is_some_and(Fault::is_contact) && !sinks;
         let is_pushed = touches || self.joint_control.brakes_by_joint();
         !is_pushed && (self.joint_control.damps() || !is_held)
     }
 
     /// What touches the arm in posture `q`, or stopped it where that fault stands.
     pub(super) fn touched_by(&self, q: &SVector<f64, N>) -> Option<Contact> {
-        if self.fault == Some(Fault::Contact) {
+        if self.fault.is_some_and(Fault::is_contact) {
             return self.contact;
         }
         let robot = self.joint_control.carrying(&self.arm.robot);

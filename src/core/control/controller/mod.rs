@@ -325,6 +325,7 @@ impl<const N: usize> Controller<N> {
     ) {
         let before = self.state;
         if let Some(fault) = self.failure.take() {
+            let fault = self.of_stuck_readings(now, fault);
             self.fault.get_or_insert(fault);
             self.cue(Cue::Failed);
             if let Some(state) = state {

@@ -63,6 +63,9 @@ impl<const N: usize> Controller<N> {
     /// The state, in which joints whose encoders say what no motion explains are believed to do what they were told.
     fn without_wrong_encoders(&mut self, now: MonoNs, drive: &DriveState<N>) -> DriveState<N> {
         if self.mode != CommandMode::Torque || !self.obeys {
+            let commanded = self.gate.passed().qd_r;
+            let steps = self.joint_control.encoder_step();
+            self.encoder_watch.note((now, self.timing), drive, &commanded, steps);
             return *drive;
         }
         let expected = self.joint_control.expected_motion().filter(|_| self.gate.is_open());
@@ -87,11 +90,29 @@ impl<const N: usize> Controller<N> {
         believed
     }
 
+    /// The same fault in other words, where a joint that is told to move has a reading that stays the same: before them nothing tells a frozen encoder from a joint that is held.
+    pub(super) fn of_stuck_readings(&self, now: MonoNs, fault: Fault) -> Fault {
+        let steps = self.joint_control.encoder_step();
+        let touched = self.contact.map(|contact| contact.joint);
+        let may_be = |i: usize| match fault {
+            Fault::Contact => touched == Some(i),
+            Fault::DoesNotFollow | Fault::TrackingError => true,
+            _ => false,
+        };
+        let is_stuck = (0..N).any(|i| may_be(i) && self.encoder_watch.is_stuck(i, now, steps[i]));
+        if is_stuck { Fault::StuckReading } else { fault }
+    }
+
     /// The state that is believed of an arm that is in `state` when it comes into `fault`: what seems to be blocked may have an encoder that is frozen.
     pub(super) fn distrust_encoders(&mut self, fault: Fault, state: &DriveState<N>) -> DriveState<N> {
         let may_be = matches!(
             fault,
-            Fault::Contact | Fault::DoesNotFollow | Fault::TrackingError | Fault::Oscillates | Fault::TooFast
+            Fault::Contact
+                | Fault::StuckReading
+                | Fault::DoesNotFollow
+                | Fault::TrackingError
+                | Fault::Oscillates
+                | Fault::TooFast
         );
         if !may_be || self.mode != CommandMode::Torque {
             return *state;

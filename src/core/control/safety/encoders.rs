@@ -7,7 +7,10 @@
 //! | --- | --- | --- |
 //! | leaps by more than the joint can move, and by more than noise | the joint is believed to do what it was told | the drive's state is implausible; behind a gap in the states, in which drive or control was held up, the reading is believed |
 //! | is, with those of all other joints, the one before once more, while the arm moves | likewise | likewise |
-//! | stays the same to the last digit while the joint moves | likewise | its encoder is frozen: a fault, and the joint is believed to do what it is told until a reset |
+//! | stays the same to the last digit while the joint moves, or right after it moved [steadily](STEADY_STATES) | likewise | its encoder is frozen: a fault, and the joint is believed to do what it is told until a reset |
+//!
+//! What brakes a joint, however hard, leaves a part of its last displacement to the tick in which the joint stops: a reading that moved on evenly and is the same in the very next state was not measured.
+//! That tells freezes from [`MOVES`] on, where the displacement of a tick alone, which a joint that sticks would miss as well, tells them from five times that speed.
 //!
 //! A joint that begins to move while its encoder is frozen seems to be blocked, and something else finds that. In that fault it is believed to be on its reference, if its
 //! reading has not changed although the reference moved ([`EncoderWatch::distrust_still`]): a joint that is blocked indeed is then carried and not pushed. Laws that output
@@ -35,6 +38,13 @@ const UNMOVED: f64 = 1e-4;
 const UNMOVED_BY_PLACE: f64 = 3e-4;
 /// Speed of a joint from which on a state that is the one before in all digits was not measured anew, rad/s or m/s. Chosen by hand: that of an arm at rest (`rest.rs`).
 const MOVES: f64 = 0.02;
+/// For so many new states in a row a joint must have moved evenly for a reading that is then the same to be a frozen one. Chosen by hand: a joint that moves by stick and slip is never as even for as long.
+const STEADY_STATES: u32 = 8;
+/// By how much of a displacement the one before it may differ in even motion, and how much of it must be expected of the next state. Derived: what takes half of a speed in a tick leaves the other half to the next,
+/// and the tick of a stop, which begins within it, leaves at least a quarter of it.
+const EVEN: f64 = 0.5;
+/// Steps of its encoder that a joint must make from state to state for its motion to be even. Derived: with three a flicker of one leaves two.
+const EVEN_STEPS: f64 = 3.0;
 /// The share of a joint's friction beyond its model's that may have stopped it: friction is tested up to twice that of the file.
 const FRICTION: f64 = 2.0;
 /// Inertia of a joint for which friction is reckoned may be smaller by this factor: that of the whole chain is least where it is stretched. Chosen by hand.
@@ -50,6 +60,9 @@ const GAP: SpanNs = SpanNs(20_000_000);
 /// How far a joint's reference must have moved, there or back, while its reading stayed the same, rad or m, for the joint to be distrusted in a fault. Measured (`vservo faults`): with 1e-3,
 /// and where only the place at the end counted, a Panda whose shoulder's encoder had frozen at 0.01 rad/s fell at five times its speed limit. Three times [`UNMOVED`].
 const TOLD: f64 = 3e-4;
+
+/// The coarsest steps of an encoder whose readings change where a joint is held and pushed, rad or m. Chosen by hand: gears of 100 kN m/rad yield by as much under 2 N m.
+const FINE: f64 = 2e-5;
 
 /// What the last commands should have made of the joints.
 #[derive(Debug, Clone, Copy)]
@@ -94,10 +107,38 @@ struct EncoderReading {
     unexplained: u32,
     /// When the last one came that differed from the one before.
     changed: MonoNs,
+    /// Its last displacement from one new state to the next, rad or m, and for how many of them it moved evenly.
+    way: f64,
+    even: u32,
+    /// Whether the reading stopped from one state to the next in even motion, and has not changed since.
+    stopped_dead: bool,
     /// Where its reference was then, rad or m, and how far from there it has been since.
     reference: f64,
     told: f64,
     is_distrusted: bool,
+}
+
+impl EncoderReading {
+    /// Takes in by how much a new state differs from the one before, and by how much it should, rad or m. A joint may be stopped from one state to the next where its displacements are smaller than `held`;
+    /// `step` is its encoder's.
+    fn note_way(&mut self, (way, expected): (f64, f64), held: f64, step: f64) {
+        let before = std::mem::replace(&mut self.way, way);
+        if way == 0.0 {
+            let goes_on = expected * before.signum() > EVEN * before.abs();
+            self.stopped_dead |= self.even >= STEADY_STATES && goes_on;
+            self.even = 0;
+            return;
+        }
+        self.stopped_dead = false;
+        let least = held.max(EVEN_STEPS * step.max(self.least_step));
+        let is_even = (way - before).abs() <= EVEN * way.abs().min(before.abs()) && way.abs() > least;
+        self.even = if is_even { self.even.saturating_add(1) } else { 0 };
+    }
+
+    /// Whether its reference moved while its reading stayed the same, by more than the `step` of its encoder, rad or m.
+    fn is_told_to_move(&self, step: f64) -> bool {
+        self.told > TOLD + STEPS * step
+    }
 }
 
 impl<const N: usize> Default for EncoderWatch<N> {
@@ -106,6 +147,9 @@ impl<const N: usize> Default for EncoderWatch<N> {
             least_step: f64::INFINITY,
             unexplained: 0,
             changed: MonoNs::ZERO,
+            way: 0.0,
+            even: 0,
+            stopped_dead: false,
             reference: 0.0,
             told: 0.0,
             is_distrusted: false,
@@ -153,13 +197,19 @@ impl<const N: usize> EncoderWatch<N> {
             if !is_still {
                 joint.least_step = joint.least_step.min((drive.q[i] - last[i]).abs());
             }
+            if !timing.is_old() {
+                let held = stops * TICK.as_s().powi(2) + MOVES * TICK.as_s();
+                let ticks = f64::from(timing.ticks());
+                let ways = (drive.q[i] - last[i], ticks * (q - expected.q[i]));
+                joint.note_way(ways, ticks * held, traits.step[i]);
+            }
             let behind = UNEXPECTED * traits.lag[i];
             let off = (drive.q[i] - q).abs() - STEPS * traits.step[i].max(joint.least_step) - behind;
             let wrong = if is_still {
                 joint.told = joint.told.max((reference[i] - joint.reference).abs());
                 let is_frozen = drive.qd[i] == 0.0 || drive.qd[i] == last_qd[i];
                 let unmoved = if is_frozen { UNMOVED } else { UNMOVED_BY_PLACE };
-                is_repeated || off > unmoved + stops * TICK.as_s().powi(2)
+                is_repeated || joint.stopped_dead || off > unmoved + stops * TICK.as_s().powi(2)
             } else {
                 let unheard = (now - joint.changed).as_s();
                 joint.changed = now;
@@ -194,6 +244,47 @@ impl<const N: usize> EncoderWatch<N> {
         (believed, fault)
     }
 
+    /// Before a drive that closes its own loop, whose encoders are believed: takes in the positions that it reports at `now`, rad or m, with the `steps` of the encoders, while `commanded` asks the joints to move, rad/s or m/s.
+    pub fn note(
+        &mut self,
+        (now, timing): (MonoNs, DriveTiming),
+        drive: &DriveState<N>,
+        commanded: &SVector<f64, N>,
+        steps: &SVector<f64, N>,
+    ) {
+        let before = self.last.replace((now, drive.q, drive.qd));
+        let ticks = f64::from(timing.ticks());
+        for (i, joint) in self.joints.iter_mut().enumerate() {
+            let way = before.map_or(f64::NAN, |(_, q, _)| drive.q[i] - q[i]);
+            let asked = commanded[i] * TICK.as_s();
+            if !timing.is_old() {
+                joint.note_way((way, ticks * asked), ticks * MOVES * TICK.as_s(), steps[i]);
+            }
+            if way == 0.0 {
+                joint.reference += asked;
+                joint.told = joint.told.max(joint.reference.abs());
+                continue;
+            }
+            joint.least_step = joint.least_step.min(way.abs());
+            (joint.changed, joint.reference, joint.told) = (now, 0.0, 0.0);
+        }
+    }
+
+    /// Whether the reading of joint `i` has stayed the same to the last digit at `now`: since it moved evenly, or for longer than a drive repeats states. Behind coarse steps, of which the encoder's is `step`, rad or m, nothing
+    /// tells that from a joint that is held.
+    #[must_use]
+    pub fn stays(&self, i: usize, now: MonoNs, step: f64) -> bool {
+        let joint = &self.joints[i];
+        let is_fine = step <= FINE && (joint.least_step <= FINE || joint.least_step.is_infinite());
+        is_fine && (joint.stopped_dead || now - joint.changed > SpanNs(TICK.0 * i64::from(LONGEST)))
+    }
+
+    /// The same, although the joint is told to move.
+    #[must_use]
+    pub fn is_stuck(&self, i: usize, now: MonoNs, step: f64) -> bool {
+        self.stays(i, now, step) && self.joints[i].is_told_to_move(step)
+    }
+
     /// In a fault: distrusts joints whose readings stayed the same although their `reference` moved, by more than the `steps` of the encoders, rad or m. They are believed to be on it; returns the state with them there.
     pub fn distrust_still(
         &mut self,
@@ -203,7 +294,7 @@ impl<const N: usize> EncoderWatch<N> {
     ) -> DriveState<N> {
         let mut believed = *state;
         for (i, joint) in self.joints.iter_mut().enumerate() {
-            if !joint.is_distrusted && joint.told > TOLD + STEPS * steps[i] {
+            if !joint.is_distrusted && joint.is_told_to_move(steps[i]) {
                 joint.is_distrusted = true;
                 (believed.q[i], believed.qd[i]) = (reference.q[i], reference.qd[i]);
             }
@@ -232,6 +323,7 @@ impl<const N: usize> EncoderWatch<N> {
     fn forget(&mut self, now: MonoNs, reference: &SVector<f64, N>) {
         for (joint, reference) in self.joints.iter_mut().zip(reference) {
             (joint.unexplained, joint.changed) = (0, now);
+            (joint.even, joint.stopped_dead) = (0, false);
             (joint.reference, joint.told) = (*reference, 0.0);
         }
     }

@@ -12,6 +12,7 @@
 //! | a drive that obeys velocities does not do as commanded: what a joint moved differs from it by more than `max_tracking_error` in sum, half of what it moved forgiven | likewise |
 //! | before a drive that obeys torques: an encoder's reading leaps, or stays the same in motion, for up to 30 ticks | the joint is believed to do what it was told, and the run goes on |
 //! | for longer | fault; a joint whose encoder is frozen is braked by what it is told, and not by its encoder (`encoders.rs`) |
+//! | one of the three faults above or a contact, of a joint whose reading stays the same to the last digit although it is told to move | likewise, told as a reading that is stuck: nothing tells a frozen encoder from a joint that is held |
 //! | the first motion of the image is that of a camera which is turned by 70 degrees and more against its mount (`servo/motion_agreement.rs`) | likewise |
 //! | the first motion of the image, and a small turn of the camera, are those of a lens that is more than 1.6 times as long or as short as told (`servo/motion_agreement/lens.rs`) | likewise |
 //! | something touches the arm: a torque from outside of nine standard deviations, or a drive's lag of as many (`safety.contact`) | likewise; goes back by what it pressed or more, or floats |
@@ -113,6 +114,8 @@ pub enum Fault {
     LensShorter,
     /// The encoder of a joint stands still while the joint moves.
     EncoderFrozen,
+    /// The reading of a joint stays the same although the joint is told to move: its encoder is frozen, it is held, or its motor does nothing.
+    StuckReading,
     /// A part of the arm is beyond a plane that it must not pass.
     LeavesWorkspace,
     /// Camera or flange are commanded to be faster than they may.
@@ -137,7 +140,7 @@ pub enum Fault {
 
 impl Fault {
     /// All faults, with their codes in the protocol of the messages; those of a drive are 17 to 20. A code never changes its meaning.
-    const CODES: [(Self, u32); 33] = [
+    const CODES: [(Self, u32); 34] = [
         (Self::DriveStateNotFinite, 1),
         (Self::DriveStateImplausible, 2),
         (Self::TrackingError, 3),
@@ -167,6 +170,7 @@ impl Fault {
         (Self::RobotError, 35),
         (Self::RobotHalted, 36),
         (Self::RestUnknown, 37),
+        (Self::StuckReading, 38),
         (Self::Drive(DriveFault::Stale), 17),
         (Self::Drive(DriveFault::Left), 18),
         (Self::Drive(DriveFault::Silent), 19),
@@ -215,6 +219,12 @@ impl Fault {
     #[must_use]
     pub fn blinds(self) -> bool {
         matches!(self, Self::DriveStateNotFinite | Self::DriveStateImplausible | Self::Drive(_))
+    }
+
+    /// Whether something may press against the arm.
+    #[must_use]
+    pub fn is_contact(self) -> bool {
+        matches!(self, Self::Contact | Self::StuckReading)
     }
 
     /// Whether the robot has stopped the arm by itself.
@@ -277,6 +287,10 @@ impl Fault {
             Self::CameraTurned270 => turned_camera!("270"),
             Self::EncoderFrozen => {
                 "the reading of a joint's encoder stopped dead in its motion, as no joint does, and stays the same to the last digit: see to the encoder and its cable"
+            }
+            Self::StuckReading => {
+                "the reading of a joint stays the same to the last digit although the joint is told to move: its encoder is frozen, or something holds the joint (a jam, its brake, its friction), or its motor does \
+                 nothing: see to the encoder and its cable, then to the joint and its drive"
             }
             Self::CameraAxesExchanged => {
                 "the image moves as if the camera had other axes than camera.mount says, or some of other signs, or as if it were mirrored, so that the arm went away from its goal: see to \

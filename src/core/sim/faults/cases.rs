@@ -61,45 +61,57 @@ pub const CAMPAIGN_LAWS: [(&str, &[&str]); 3] = [
 ];
 
 /// Which ends of a run are right.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RightEnds {
     /// Faults by which it may end; converging is right beside them.
     pub faults: &'static [Fault],
     /// The view never comes back: it must hold until its time is over, and nothing else.
     pub only_holds: bool,
-    /// The arm has lost what could brake it: it cannot be asked to rest.
-    pub has_no_brake: bool,
+    /// The arm has lost what could brake it: it need not rest at the end if no true joint has been faster than its limit by this factor.
+    pub moves_within: f64,
 }
 
 /// It must converge.
-const CONVERGES: RightEnds = RightEnds { faults: &[], only_holds: false, has_no_brake: false };
+const CONVERGES: RightEnds = RightEnds { faults: &[], only_holds: false, moves_within: 0.0 };
 /// It must hold.
-const HOLDS: RightEnds = RightEnds { faults: &[], only_holds: true, has_no_brake: false };
+const HOLDS: RightEnds = RightEnds { faults: &[], only_holds: true, moves_within: 0.0 };
 /// What is told of encoders that are not where the arm is.
 const ENCODER: RightEnds = RightEnds {
     faults: &[Fault::DriveStateImplausible, Fault::TrackingError],
     only_holds: false,
-    has_no_brake: false,
+    moves_within: 0.0,
 };
 /// What is told of an arm that does less than it is told.
 const WEAK: RightEnds = RightEnds {
-    faults: &[Fault::DoesNotFollow, Fault::TrackingError, Fault::Contact],
+    faults: &[Fault::DoesNotFollow, Fault::TrackingError, Fault::Contact, Fault::StuckReading],
     only_holds: false,
-    has_no_brake: false,
+    moves_within: 0.0,
 };
 
 /// The same of a motor that does nothing at all.
 const GONE: RightEnds = RightEnds {
-    faults: &[Fault::DoesNotFollow, Fault::TrackingError, Fault::Contact, Fault::TooFast],
-    has_no_brake: true,
+    faults: &[
+        Fault::DoesNotFollow,
+        Fault::TrackingError,
+        Fault::Contact,
+        Fault::StuckReading,
+        Fault::TooFast,
+    ],
+    moves_within: f64::INFINITY,
     ..WEAK
 };
 
-/// What is told of an encoder that stays where it is.
+/// What is told of an encoder that stays where it is. Torques do not brake what is not seen, which is left to the drive's brakes; but they must not have driven it.
 const FROZEN: RightEnds = RightEnds {
-    faults: &[Fault::EncoderFrozen, Fault::DriveStateImplausible, Fault::TrackingError, Fault::DoesNotFollow],
+    faults: &[
+        Fault::EncoderFrozen,
+        Fault::StuckReading,
+        Fault::DriveStateImplausible,
+        Fault::TrackingError,
+        Fault::DoesNotFollow,
+    ],
     only_holds: false,
-    has_no_brake: false,
+    moves_within: 1.1,
 };
 
 /// One way in which something is wrong.

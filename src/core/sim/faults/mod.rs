@@ -178,7 +178,7 @@ impl FaultJob {
         let is_there = error_px.is_some_and(|px| px <= AT_THE_GOAL_PX);
         let is_at_rest = plant.last_speed <= REST;
         let ends = &self.case.ends;
-        let is_right = (is_at_rest || ends.has_no_brake)
+        let is_right = (is_at_rest || plant.worst[0] <= ends.moves_within)
             && match run.finish.outcome {
                 Outcome::Converged => is_there && !ends.only_holds,
                 Outcome::NotConverged => ends.only_holds && plant.ended_holding,

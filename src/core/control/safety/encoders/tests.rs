@@ -181,6 +181,82 @@ fn a_frozen_encoder_is_told_and_never_believed_again() {
     }
 }
 
+/// Too slow for the displacement of a tick to tell anything: the motion before does.
+#[test]
+fn an_encoder_that_freezes_in_slow_even_motion_is_told() {
+    for speed in [0.03, 0.06, 0.1] {
+        let (_, worst_qd, fault) =
+            watched(speed, 0.0, |k, q, qd, before| if k >= 400 { (before, 0.0) } else { (q, qd) });
+        let (at, fault) = fault.unwrap();
+        assert!(fault == Fault::EncoderFrozen && (430..=432).contains(&at), "{speed}: {at} {fault:?}");
+        assert!(worst_qd < 0.3, "{speed}: {worst_qd}");
+    }
+    let (.., fault) = watched(0.01, 0.0, |k, q, qd, before| if k >= 400 { (before, 0.0) } else { (q, qd) });
+    assert_eq!(fault, None, "slower than an arm at rest may be");
+}
+
+/// However hard something brakes a joint that was in even motion, and wherever in the tick that begins: in the tick in which it stops it has moved.
+#[test]
+fn a_joint_that_something_stops_dead_is_no_frozen_encoder() {
+    let zero = Vector1::zeros();
+    let traits = EncoderTraits { step: zero, inertia: Vector1::repeat(1.0), coulomb: zero, lag: zero };
+    for (speed, brakes) in [(0.03, 20.0), (0.03, 1e3), (0.06, 60.0), (0.06, 1e3), (0.09, 90.0), (0.09, 1e4)] {
+        for part in [0.0, 0.25, 0.5, 0.75, 0.99] {
+            let begins = 0.05 + 1e-3 * part;
+            let at = |t: f64| {
+                let t = (t - begins).clamp(0.0, speed / brakes);
+                (begins + t, speed - brakes * t, 0.5 * brakes * t * t)
+            };
+            let mut watch = EncoderWatch::<1>::default();
+            let mut timing = DriveTiming::default();
+            let mut expected: Option<ExpectedMotion<1>> = None;
+            for k in 0..200_i64 {
+                let t = 1e-3 * k as f64;
+                let (until, qd, lost) = at(t);
+                let q = Vector1::new(speed * t.min(until) - lost);
+                let drive =
+                    DriveState { q, qd: Vector1::new(if t < begins { speed } else { qd }), truth: None };
+                timing.note(false);
+                let now = MonoNs(k * 1_000_000);
+                let told = watch.take((now, timing), &drive, &q, expected.as_ref(), &traits);
+                assert_eq!(told.1, None, "{speed} {brakes} {part}: {k}");
+                expected = Some(ExpectedMotion { q, qd: drive.qd, qdd: zero });
+            }
+        }
+    }
+}
+
+/// Before a drive that closes its own loop: a joint that goes with 0.1 rad/s until 0.2 s, and then `goes` on by so much in each ms, rad; when its reading counts as one that stays.
+fn stays_from(step: f64, period: i64, goes: f64) -> Option<i64> {
+    let mut watch = EncoderWatch::<1>::default();
+    let mut timing = DriveTiming::default();
+    let mut seen = 0.0;
+    (0..600_i64).find(|&ms| {
+        timing.note(ms % period != 0);
+        if ms % period == 0 {
+            let q = 1e-4 * ms.min(200) as f64 + goes * (ms - 200).max(0) as f64;
+            seen = if step > 0.0 { (q / step).round() * step } else { q };
+        }
+        let state = DriveState { q: Vector1::new(seen), qd: Vector1::new(0.0), truth: None };
+        let now = MonoNs(ms * 1_000_000);
+        watch.note((now, timing), &state, &Vector1::new(0.1), &Vector1::repeat(step));
+        watch.is_stuck(0, now, step)
+    })
+}
+
+#[test]
+fn readings_that_stay_are_known_before_a_drive_with_a_servo() {
+    for (step, period, within) in
+        [(0.0, 1, 205..=210), (0.0, 4, 205..=216), (0.0, 8, 209..=225), (1e-5, 1, 204..=212)]
+    {
+        let at = stays_from(step, period, 0.0).unwrap();
+        assert!(within.contains(&at), "{step} {period}: {at}");
+    }
+    // Held by what yields by a nanometre; behind steps that hide what a gear yields.
+    assert_eq!(stays_from(0.0, 1, 1e-9), None);
+    assert_eq!(stays_from(1e-4, 1, 0.0), None);
+}
+
 #[test]
 fn a_reading_that_leapt_for_good_is_a_fault_and_then_believed() {
     let (worst, _, fault) = watched(0.5, 0.0, |k, q, qd, _| (if k >= 800 { q + 0.01 } else { q }, qd));
