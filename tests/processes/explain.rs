@@ -200,6 +200,11 @@ fn what_stops_a_joint_is_named() {
             ("ur5", &["drive.simulated.jam={joint=2,from_s=0.45}"]),
         ],
     );
+    let frozen = "faults=[{kind='encoder_freeze',from_s=0.4,duration_s=100.0,joint=1}]";
+    named(
+        "stuck_reading",
+        &[("default", &[frozen]), ("ur5", &[frozen, "drive.mode=velocity"]), ("ur5", &[frozen])],
+    );
     named(
         "friction",
         &[

@@ -22,6 +22,11 @@ const MOVING_SHARE: f64 = 0.05;
 /// Ticks for which it then stands. Chosen by hand: a joint that changes its direction stands for one or two.
 const STANDS: usize = 20;
 
+/// A joint that was never faster has not moved, rad/s or m/s. Chosen by hand.
+const MOVES: f64 = 1e-2;
+/// Ticks for which a reading that is stuck has stayed the same. Derived: so long control waits at least before it says so (`control/safety/encoders.rs`).
+const STUCK_TICKS: usize = 30;
+
 /// The columns of one joint.
 struct JointColumns<'a> {
     number: usize,
@@ -91,6 +96,17 @@ fn fault(evidence: &RunEvidence, joints: &[JointColumns<'_>]) -> Option<RunFindi
     }
     let fault = faults().find(|fault| fault.describe() == summary.reason);
     let times = evidence.trace.numbers("time_s");
+    if matches!(fault, Some(Fault::StuckReading | Fault::EncoderFrozen))
+        && let Some((row, joint)) =
+            joints.iter().filter_map(|joint| Some((stuck_from(joint)?, joint))).min_by_key(|(row, _)| *row)
+    {
+        return Some(RunFinding {
+            cause: Cause::StuckReading,
+            what: format!("the reading of {} is stuck: its encoder is frozen, or something holds the joint", joint.called),
+            evidence: format!("it had moved, and has the same value to the last digit from {:.3} s on", times.get(row).copied().unwrap_or(f64::NAN)),
+            change: "no key: see to its encoder and the cable, then to the joint, its brake and its drive; where it sticks, tell its friction in the robot file".into(),
+        });
+    }
     if matches!(fault, Some(Fault::DoesNotFollow | Fault::Contact | Fault::TrackingError))
         && let Some((joint, row, speed)) = joints.iter().find_map(stop)
     {
@@ -108,7 +124,7 @@ fn fault(evidence: &RunEvidence, joints: &[JointColumns<'_>]) -> Option<RunFindi
         });
     }
     match fault {
-        Some(Fault::DoesNotFollow | Fault::TrackingError) => Some(does_not_follow(evidence, joints)),
+        Some(Fault::DoesNotFollow | Fault::TrackingError | Fault::StuckReading) => Some(does_not_follow(evidence, joints)),
         Some(Fault::Contact) => Some(RunFinding {
             cause: Cause::Contact,
             what: "something touched the arm, or pushes it".into(),
@@ -162,6 +178,13 @@ fn does_not_follow(evidence: &RunEvidence, joints: &[JointColumns<'_>]) -> RunFi
     }
 }
 
+/// The row from which on a joint that had moved has the same reading to the end.
+fn stuck_from(joint: &JointColumns<'_>) -> Option<usize> {
+    let last = joint.q.last().filter(|_| greatest(joint.qd) > MOVES)?;
+    let row = joint.q.iter().rposition(|q| q != last)? + 1;
+    (joint.q.len() - row >= STUCK_TICKS).then_some(row)
+}
+
 /// Where a moving joint stood from one tick to the next, though its reference went on: the row, and its speed before.
 fn stop<'a, 'b>(joint: &'b JointColumns<'a>) -> Option<(&'b JointColumns<'a>, usize, f64)> {
     let fastest = greatest(joint.qd);
@@ -170,7 +193,7 @@ fn stop<'a, 'b>(joint: &'b JointColumns<'a>) -> Option<(&'b JointColumns<'a>, us
         let before = speed(row - 1);
         let goes_on = joint.qd_r.get(*row).is_some_and(|v| v.abs() > 0.5 * before);
         let stands = (*row..row + STANDS).all(|later| speed(later) <= STOPPED_SHARE * before);
-        before > MOVING_SHARE * fastest && goes_on && stands && fastest > 1e-2 // chosen: rad/s or m/s, slower is no motion
+        before > MOVING_SHARE * fastest && goes_on && stands && fastest > MOVES
     };
     let row = (1..joint.qd.len()).find(stopped)?;
     Some((joint, row, speed(row - 1)))

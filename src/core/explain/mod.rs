@@ -44,6 +44,8 @@ pub enum Cause {
     ElasticJoints,
     /// A joint was stopped from one tick to the next, and stands.
     Jammed,
+    /// The reading of a joint that had moved stays the same to the last digit: a frozen encoder, or a joint that is held.
+    StuckReading,
     /// A joint does not follow from its start: friction, a brake, a drive that is off.
     Friction,
     /// Something touched the arm.

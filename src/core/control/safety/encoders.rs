@@ -61,6 +61,9 @@ const GAP: SpanNs = SpanNs(20_000_000);
 /// and where only the place at the end counted, a Panda whose shoulder's encoder had frozen at 0.01 rad/s fell at five times its speed limit. Three times [`UNMOVED`].
 const TOLD: f64 = 3e-4;
 
+/// For how long a reading must have been the same to count as one that stays, where the joint did not move evenly before. Chosen by hand: drives that obey late are tested up to 32 ms (`tests/processes/explain.rs`), in which a joint stands that
+/// is told to move. With 30 ms a SCARA whose commands came 30 ms late was told as stuck in its 45th ms.
+const STAYS: SpanNs = SpanNs(50_000_000);
 /// The coarsest steps of an encoder whose readings change where a joint is held and pushed, rad or m. Chosen by hand: gears of 100 kN m/rad yield by as much under 2 N m.
 const FINE: f64 = 2e-5;
 
@@ -270,13 +273,13 @@ impl<const N: usize> EncoderWatch<N> {
         }
     }
 
-    /// Whether the reading of joint `i` has stayed the same to the last digit at `now`: since it moved evenly, or for longer than a drive repeats states. Behind coarse steps, of which the encoder's is `step`, rad or m, nothing
+    /// Whether the reading of joint `i` has stayed the same to the last digit at `now`: since it moved evenly, or for longer than a drive repeats states and obeys late. Behind coarse steps, of which the encoder's is `step`, rad or m, nothing
     /// tells that from a joint that is held.
     #[must_use]
     pub fn stays(&self, i: usize, now: MonoNs, step: f64) -> bool {
         let joint = &self.joints[i];
         let is_fine = step <= FINE && (joint.least_step <= FINE || joint.least_step.is_infinite());
-        is_fine && (joint.stopped_dead || now - joint.changed > SpanNs(TICK.0 * i64::from(LONGEST)))
+        is_fine && (joint.stopped_dead || now - joint.changed > STAYS)
     }
 
     /// The same, although the joint is told to move.
