@@ -4,6 +4,8 @@
 //! `(a, b)` covers the mean over the pixel's square of `Phi((d + a x + b y) / sigma)`. That depends on `d` and
 //! on the smaller of `|a|`, `|b|`: a table of both is interpolated.
 
+use std::sync::{Arc, Mutex, PoisonError};
+
 /// Blur is cut off beyond this many standard deviations: 0.07 % of the step is lost, so that the edge of a band lies a quarter of a level off
 /// at most, and bands stay narrow, which determines the time that a frame takes.
 const CUT_SIGMA: f64 = 3.2;
@@ -15,11 +17,19 @@ const STRIDE: usize = DISTANCES + 1;
 /// Pixels that are evaluated together, as many single-precision numbers as a register of SSE2 has, so that one instruction does.
 pub(super) const LANES: usize = 4;
 
+/// Tables that are kept for further renderers. Chosen by hand: more cameras than a process has, and with 35 kB each still a quarter of a
+/// megabyte.
+const KEPT: usize = 8;
+
+/// Tables of earlier renderers by the bits of their blur, the newest last: one takes a million integrals, and whoever simulates many runs
+/// makes a renderer of the same camera for each.
+static EARLIER: Mutex<Vec<(u64, Arc<[u16]>)>> = Mutex::new(Vec::new());
+
 /// Table of pixel coverage.
 #[derive(Debug, Clone)]
 pub(super) struct EdgeProfile {
     /// Coverage in units of 1/65535.
-    table: Vec<u16>,
+    table: Arc<[u16]>,
     half_px: f32,
     bins_per_px: f32,
     /// Variance of one pixel's point spread along any direction, px^2.
@@ -29,26 +39,16 @@ pub(super) struct EdgeProfile {
 impl EdgeProfile {
     /// The table for a Gaussian blur with the standard deviation `sigma` px.
     pub(super) fn new(sigma: f64) -> Self {
-        let half_px = std::f64::consts::FRAC_1_SQRT_2 + CUT_SIGMA * sigma;
-        let bins_per_px = DISTANCES as f64 / (2.0 * half_px);
-        let mut table = Vec::with_capacity((ORIENTATIONS + 1) * STRIDE);
-        for orientation in 0..=ORIENTATIONS {
-            let b = orientation as f64 / ORIENTATIONS as f64 * std::f64::consts::FRAC_1_SQRT_2;
-            let a = (1.0 - b * b).sqrt();
-            for bin in 0..=DISTANCES {
-                // the ends are exact: a pixel out of reach is not touched
-                let c = match bin {
-                    0 => 0.0,
-                    DISTANCES => 1.0,
-                    _ => coverage(bin as f64 / bins_per_px - half_px, a, b, sigma).clamp(0.0, 1.0),
-                };
-                table.push((c * 65535.0).round() as u16);
-            }
-        }
+        let half_px = half_px(sigma);
+        let table = earlier(sigma).unwrap_or_else(|| {
+            let table = Arc::from(table(sigma));
+            keep(sigma, &table);
+            table
+        });
         Self {
             table,
             half_px: half_px as f32,
-            bins_per_px: bins_per_px as f32,
+            bins_per_px: (DISTANCES as f64 / (2.0 * half_px)) as f32,
             spread_px2: (1.0 / 12.0 + sigma * sigma) as f32,
         }
     }
@@ -83,6 +83,47 @@ impl EdgeProfile {
     }
 }
 
+/// Distance from an edge at which a blur no longer matters, px.
+fn half_px(sigma: f64) -> f64 {
+    std::f64::consts::FRAC_1_SQRT_2 + CUT_SIGMA * sigma
+}
+
+/// Coverages for one blur, in units of 1/65535.
+fn table(sigma: f64) -> Vec<u16> {
+    let half_px = half_px(sigma);
+    let bins_per_px = DISTANCES as f64 / (2.0 * half_px);
+    let mut table = Vec::with_capacity((ORIENTATIONS + 1) * STRIDE);
+    for orientation in 0..=ORIENTATIONS {
+        let b = orientation as f64 / ORIENTATIONS as f64 * std::f64::consts::FRAC_1_SQRT_2;
+        let a = (1.0 - b * b).sqrt();
+        for bin in 0..=DISTANCES {
+            // the ends are exact: a pixel out of reach is not touched
+            let c = match bin {
+                0 => 0.0,
+                DISTANCES => 1.0,
+                _ => coverage(bin as f64 / bins_per_px - half_px, a, b, sigma).clamp(0.0, 1.0),
+            };
+            table.push((c * 65535.0).round() as u16);
+        }
+    }
+    table
+}
+
+/// The table of an earlier renderer with this blur.
+fn earlier(sigma: f64) -> Option<Arc<[u16]>> {
+    let kept = EARLIER.lock().unwrap_or_else(PoisonError::into_inner);
+    kept.iter().find(|(bits, _)| *bits == sigma.to_bits()).map(|(_, table)| table.clone())
+}
+
+/// Keeps a table, in the place of the oldest one where there are many.
+fn keep(sigma: f64, table: &Arc<[u16]>) {
+    let mut kept = EARLIER.lock().unwrap_or_else(PoisonError::into_inner);
+    if kept.len() >= KEPT {
+        kept.remove(0);
+    }
+    kept.push((sigma.to_bits(), table.clone()));
+}
+
 /// The integer part of `x`, kept in `0..=limit`; 0 for NaN.
 #[inline(always)]
 #[allow(unsafe_code)]
@@ -104,6 +145,10 @@ pub(super) fn coverage(d: f64, a: f64, b: f64, sigma: f64) -> f64 {
             (integral(d + 0.5 * a, sigma) - integral(d - 0.5 * a, sigma)) / a
         }
     };
+    if b == 0.0 {
+        // the same everywhere across the square
+        return ramp(d);
+    }
     let sum: f64 = (0..STEPS).map(|i| ramp(d + b * ((f64::from(i) + 0.5) / f64::from(STEPS) - 0.5))).sum();
     sum / f64::from(STEPS)
 }
@@ -131,6 +176,21 @@ mod tests {
 
     fn one(profile: &EdgeProfile, d: f64, nx: f64, ny: f64) -> f64 {
         f64::from(profile.coverage([d as f32; LANES], [EdgeProfile::row(nx as f32, ny as f32); LANES])[2])
+    }
+
+    /// Two of one blur are one table, which is that of no other blur; whoever comes after many others has its own as well.
+    #[test]
+    fn a_kept_profile_is_the_one_that_was_made() {
+        let first = EdgeProfile::new(0.71);
+        assert!(Arc::ptr_eq(&first.table, &EdgeProfile::new(0.71).table));
+        for k in 0..2 * KEPT {
+            let sigma = 0.72 + 0.01 * k as f64;
+            let (made, kept) = (EdgeProfile::new(sigma), EdgeProfile::new(sigma));
+            assert_eq!(made.table, kept.table);
+            assert_eq!(*made.table, *table(sigma));
+        }
+        assert_eq!(first.table, EdgeProfile::new(0.71).table);
+        assert!(EARLIER.lock().unwrap().len() <= KEPT);
     }
 
     /// Brute force: the pixel is cut into 200 x 200 squares.
