@@ -57,13 +57,23 @@ impl Thing {
     /// Its level at a point, if it is there.
     #[inline]
     fn at(&self, p: Vector2<f64>) -> Option<f64> {
-        let (s, c) = self.turn.sin_cos();
         let d = p - self.middle;
+        // most samples lie beyond its corners
+        if d.norm_squared() > 1.001 * self.half.norm_squared() {
+            return None;
+        }
+        let (s, c) = self.turn.sin_cos();
         let (x, y) = ((c * d.x + s * d.y) / self.half.x, (c * d.y - s * d.x) / self.half.y);
         let inside = if self.round { x * x + y * y < 1.0 } else { x.abs() < 1.0 && y.abs() < 1.0 };
-        let odd = self.stripe > 0.0 && (x * self.half.x / self.stripe).floor().rem_euclid(2.0) > 0.5;
+        let odd = self.stripe > 0.0 && is_odd((x * self.half.x / self.stripe).floor());
         inside.then_some(if odd { 255.0 - self.level } else { self.level })
     }
+}
+
+/// Whether a whole number is odd: without the division that a remainder of floating point is.
+#[inline]
+fn is_odd(n: f64) -> bool {
+    n as i64 & 1 != 0
 }
 
 /// Image of a point under a projective map: component by component, since each sample of an image needs it.
@@ -182,7 +192,7 @@ impl View {
         let on = |m: f64| x > -1.0 - m && y > -1.0 - m && x < c + m && y < r + m;
         let level = if on(0.0) {
             // dark above left of corner 0
-            if (x.floor() + y.floor()).rem_euclid(2.0) < 0.5 { self.dark } else { self.light }
+            if is_odd(x.floor() + y.floor()) { self.light } else { self.dark }
         } else if on(self.margin) {
             self.light
         } else {
@@ -212,7 +222,7 @@ impl View {
             let d = x - n;
             let beyond =
                 (ramp(d + l + s) - ramp(d + l - s) - ramp(d - l + s) + ramp(d - l - s)) / (long * short);
-            let odd = n.rem_euclid(2.0) > 0.5;
+            let odd = is_odd(n);
             if odd { 1.0 - 2.0 * beyond } else { 2.0 * beyond - 1.0 }
         };
         // dark above left of corner 0
@@ -251,12 +261,13 @@ impl View {
         }
         let clamp = |i: isize, n: usize| i.clamp(0, n as isize - 1) as usize;
         let mut rows = vec![0.0f32; self.width * h];
-        for y in 0..h {
-            for x in 0..self.width {
-                let from = (x * fine) as isize - reach;
-                let row = &samples[y * w..(y + 1) * w];
-                rows[y * self.width + x] =
-                    wide.iter().enumerate().map(|(k, f)| f * row[clamp(from + k as isize, w)]).sum();
+        for (row, sums) in samples.chunks(w).zip(rows.chunks_mut(self.width)) {
+            // side by side, so that no sum waits for the one before it
+            let line: Vec<f32> = (0..w + wide.len()).map(|i| row[clamp(i as isize - reach, w)]).collect();
+            for (k, f) in wide.iter().enumerate() {
+                for (sum, value) in sums.iter_mut().zip(line[k..].iter().step_by(fine)) {
+                    *sum += f * value;
+                }
             }
         }
         let mut sums = vec![0.0f32; self.width * self.height];

@@ -18,6 +18,8 @@ use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 /// Cells along a pixel's side, and rays along a cell's.
 const CELLS: usize = 5;
 const RAYS: usize = 3;
+/// Squares along the side of a block: larger ones are more often near an edge, of smaller ones there are more.
+const BLOCK: usize = 8;
 
 /// Repeatable random numbers.
 pub struct Dice(pub u64);
@@ -150,34 +152,35 @@ impl Scene {
         let mut dice = Dice(self.seed);
         let texture = self.texture_table(&mut dice);
         let middle = Vector2::new(0.5 * (width as f64 - 1.0), 0.5 * (height as f64 - 1.0));
+        let (far, far2) = (middle.norm(), middle.norm_squared());
         let (sin, cos) = self.gradient.1.sin_cos();
         let low = 1.0 / self.gradient.0;
         let view = Plane::of(self);
+        let beside =
+            |px: &Vector2<f64>, margin_m| !view.at(self, px).is_some_and(|r| self.on_plate(&r, margin_m));
         let mut spare = None;
         let mut out = vec![0; width * height];
-        for (i, byte) in out.iter_mut().enumerate() {
-            let px = Vector2::new((i % width) as f64, (i / width) as f64);
-            let d = px - middle;
-            let along = 0.5 + 0.5 * (d.x * cos + d.y * sin) / middle.norm();
-            let light = (1.0 - self.vignetting * d.norm_squared() / middle.norm_squared())
-                * (low + (1.0 - low) * along);
-            let mut level = f64::from(levels[i]);
-            let beside = |margin_m| !view.at(self, &px).is_some_and(|r| self.on_plate(&r, margin_m));
-            if self.texture.0 > 0.0 && beside(0.002) {
-                level += self.texture_at(&texture, &px);
-            }
-            if !self.clutter.is_empty() && beside(0.0) {
-                level = self.clutter.over(level, &px, self.blur_px);
-            }
-            let noise = match spare.take() {
-                Some(noise) => noise,
-                None => {
-                    let [a, b] = dice.normal();
+        for (y, (bytes, levels)) in out.chunks_mut(width).zip(levels.chunks(width)).enumerate() {
+            for (x, (byte, level)) in bytes.iter_mut().zip(levels).enumerate() {
+                let px = Vector2::new(x as f64, y as f64);
+                let d = px - middle;
+                let along = 0.5 + 0.5 * (d.x * cos + d.y * sin) / far;
+                let light = (1.0 - self.vignetting * d.norm_squared() / far2) * (low + (1.0 - low) * along);
+                let mut level = f64::from(*level);
+                if self.texture.0 > 0.0 && beside(&px, 0.002) {
+                    level += self.texture_at(&texture, &px);
+                }
+                if !self.clutter.is_empty() && beside(&px, 0.0) {
+                    level = self.clutter.over(level, &px, self.blur_px);
+                }
+                let noise = spare.take().unwrap_or_else(|| {
+                    let [a, b] = if self.noise_levels > 0.0 { dice.normal() } else { [0.0; 2] };
                     spare = Some(b);
                     a
-                }
-            };
-            *byte = (level * light + noise * self.noise_levels).round().clamp(0.0, 255.0) as u8;
+                });
+                // a cast keeps to what bytes can hold
+                *byte = (level * light + noise * self.noise_levels + 0.5) as u8;
+            }
         }
         out
     }
@@ -236,7 +239,7 @@ impl Scene {
     }
 
     /// Mean levels of the squares of a grid, `width` by `height` of them, of which `cells` make a pixel's side, about the pixels that `place` tells; of `rays` by `rays`
-    /// samples where an edge may cross a square.
+    /// samples where an edge may cross a square. Blocks of squares that no edge comes near are looked at once.
     fn means(
         &self,
         [width, height]: [usize; 2],
@@ -246,41 +249,52 @@ impl Scene {
     ) -> Vec<f32> {
         let view = Plane::of(self);
         let side = 1.0 / cells as f64;
-        // with a pixel more on the right and below: what a pixel spans on the plane is seen from its neighbours
-        let wide = width + cells;
-        let seen: Vec<_> =
-            (0..wide * (height + cells)).map(|i| view.at(self, &place(i % wide, i / wide))).collect();
-        let mut levels = Vec::with_capacity(width * height);
-        for y in 0..height {
-            for x in 0..width {
-                let here = seen[y * wide + x];
-                let step = |x: usize, y: usize| {
-                    here.zip(seen[y * wide + x]).map_or(f64::INFINITY, |(r, q)| (q - r).norm())
-                };
-                // more than what a square may span here
-                let reach_m = side * 1.5 * (step(x + cells, y) + step(x, y + cells));
-                let (level, distance) = self.surface(here);
-                if distance > reach_m {
-                    levels.push(level as f32);
-                    continue;
+        let part = |i: usize| ((i as f64 + 0.5) / rays as f64 - 0.5) * side;
+        let offsets: Vec<_> =
+            (0..rays * rays).map(|k| Vector2::new(part(k % rays), part(k / rays))).collect();
+        let mut levels = vec![0.0; width * height];
+        for (y0, x0) in
+            (0..height).step_by(BLOCK).flat_map(|y| (0..width).step_by(BLOCK).map(move |x| (y, x)))
+        {
+            // the block's ends lie behind its last squares: a straight camera sees all of it between them
+            let middle = view.at(self, &place(x0 + BLOCK / 2, y0 + BLOCK / 2));
+            let farthest_m = [(0, 0), (BLOCK, 0), (0, BLOCK), (BLOCK, BLOCK)]
+                .map(|(x, y)| {
+                    let end = view.at(self, &place(x0 + x, y0 + y));
+                    middle.zip(end).map_or(f64::INFINITY, |(r, q)| (q - r).norm())
+                })
+                .into_iter()
+                .fold(0.0, f64::max);
+            let (level, distance) = self.surface(middle);
+            // by more than a lens bends
+            let flat = distance > 1.5 * farthest_m;
+            // more than twice what a square spans from its middle
+            let reach_m = 3.0 * farthest_m / BLOCK as f64;
+            for y in y0..(y0 + BLOCK).min(height) {
+                for x in x0..(x0 + BLOCK).min(width) {
+                    levels[y * width + x] = if flat {
+                        level as f32
+                    } else {
+                        let px = place(x, y);
+                        let (level, distance) = self.surface(view.at(self, &px));
+                        if distance > reach_m {
+                            level as f32
+                        } else {
+                            let seen = offsets.iter().map(|o| self.surface(view.at(self, &(px + o))).0);
+                            (seen.sum::<f64>() / (rays * rays) as f64) as f32
+                        }
+                    };
                 }
-                let px = place(x, y);
-                let mut sum = 0.0;
-                for k in 0..rays * rays {
-                    let part = |i: usize| ((i as f64 + 0.5) / rays as f64 - 0.5) * side;
-                    let offset = Vector2::new(part(k % rays), part(k / rays));
-                    sum += self.surface(view.at(self, &(px + offset))).0;
-                }
-                levels.push((sum / (rays * rays) as f64) as f32);
             }
         }
         levels
     }
 
-    /// The whole image, on whole pixels.
+    /// The whole image, on whole pixels: the plate alone, since patches take the place of all that blur carries away from what is on it.
     fn whole(&self) -> Vec<f32> {
         let place = |x: usize, y: usize| Vector2::new(x as f64, y as f64);
-        let mut levels = self.means([self.width, self.height], 1, 5, place);
+        let plate = Self { discs: Vec::new(), outlines: Vec::new(), clutter: Clutter::default(), ..*self };
+        let mut levels = plate.means([self.width, self.height], 1, 5, place);
         blur(&mut levels, self.width, self.height, self.blur_px);
         levels
     }
@@ -372,8 +386,11 @@ fn blur(levels: &mut [f32], width: usize, height: usize, sigma: f64) {
         line[..reach].fill(row[0]);
         line[reach..reach + width].copy_from_slice(row);
         line[reach + width..width + 2 * reach].fill(row[width - 1]);
-        for (x, value) in row.iter_mut().enumerate() {
-            *value = kernel.iter().zip(&line[x..]).map(|(k, v)| k * v).sum();
+        row.fill(0.0);
+        for (k, weight) in kernel.iter().enumerate() {
+            for (value, other) in row.iter_mut().zip(&line[k..]) {
+                *value += weight * other;
+            }
         }
     }
     // columns, as sums of whole rows
