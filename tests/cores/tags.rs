@@ -70,8 +70,6 @@ struct Kind {
     undone: f64,
     /// Whether the finder is told that it does not know the response.
     unknown: bool,
-    /// Whether images are exact, in the place of samples.
-    exact: bool,
 }
 
 const USUAL: Kind = Kind {
@@ -86,7 +84,6 @@ const USUAL: Kind = Kind {
     gamma: 1.0,
     undone: 1.0,
     unknown: false,
-    exact: false,
 };
 
 /// How well corners were found: deviations per coordinate.
@@ -111,8 +108,6 @@ impl Honesty {
 /// Looks at tags of a kind: `views` of them, each image taken `times` with other noise.
 fn look_at(kind: &Kind, views: usize, times: usize, dice: &mut Dice) -> Honesty {
     let mut honesty = Honesty::default();
-    // what samples leave by chance has to be little beside the noise
-    let samples = 24;
     let angle = |dice: &mut Dice| dice.within(0.0, 6.3).sin_cos();
     for i in 0..views {
         let family = TagFamily::ALL[i % 3];
@@ -126,13 +121,14 @@ fn look_at(kind: &Kind, views: usize, times: usize, dice: &mut Dice) -> Honesty 
             gradient: kind.gradient,
             gamma: kind.gamma,
             motion_px,
-            samples,
+            // of images in motion alone: what they leave by chance has to be little beside the noise
+            samples: 24,
             ..Look::default()
         };
         let map = any_view(family, kind.side_px, kind.tilt, dice);
         let id = dice.below(family.count());
         let mut canvas = Canvas::new(WIDTH, HEIGHT, look.ground);
-        let truth = if kind.exact {
+        let truth = if kind.motion_px == 0.0 {
             canvas.draw_exact(family, id, &map, &look)
         } else {
             canvas.draw(family, id, &map, &look, dice)
@@ -221,7 +217,7 @@ fn an_unknown_response_is_in_what_is_stated() {
     ] {
         let (mut sum, mut kinds) = (0.0, 0.0);
         for gamma in [1.0, 1.1, 1.2, 1.6, 2.0, 2.4] {
-            let kind = Kind { side_px, blur_px, gamma, unknown: true, exact: true, ..USUAL };
+            let kind = Kind { side_px, blur_px, gamma, unknown: true, ..USUAL };
             let seen = look_at(&kind, count, 1, &mut Dice(1900 + (10.0 * gamma) as u64));
             let (rms, chi2) = (seen.rms_px(), seen.normalized());
             println!("{side_px:?} px, blur {blur_px}, gamma {gamma}: rms {rms:.4} px, {chi2:.2}");
@@ -246,8 +242,7 @@ fn an_unknown_response_with_a_strong_signal_is_honest() {
         let (mut sum, mut kinds) = (0.0, 0.0);
         for (gamma, light_ratio) in [(1.8, 60.0), (2.2, 60.0), (2.2, 200.0), (2.4, 30.0)] {
             let dark = 200.0 / light_ratio;
-            let kind =
-                Kind { side_px, blur_px, gamma, noise: 0.8, dark, unknown: true, exact: true, ..USUAL };
+            let kind = Kind { side_px, blur_px, gamma, noise: 0.8, dark, unknown: true, ..USUAL };
             let seen = look_at(&kind, count, 1, &mut Dice(4400 + (10.0 * gamma) as u64));
             let (rms, chi2) = (seen.rms_px(), seen.normalized());
             println!("{side_px:?} px, gamma {gamma}, light {light_ratio}: rms {rms:.4} px, {chi2:.2}");
@@ -269,7 +264,7 @@ fn corners_of_steep_tags_are_as_sure_as_stated() {
     let count = 45 * campaign();
     let chance = 4.0 * (2.0 / (4.0 * count as f64)).sqrt();
     for (noise, max_px) in [(0.5, 0.005), (2.0, 0.018)] {
-        let kind = Kind { side_px: (60.0, 120.0), tilt: (0.96, 1.22), noise, exact: true, ..USUAL };
+        let kind = Kind { side_px: (60.0, 120.0), tilt: (0.96, 1.22), noise, ..USUAL };
         let seen = look_at(&kind, count, 1, &mut Dice(3300));
         let (rms, chi2) = (seen.rms_px(), seen.normalized());
         println!("noise {noise}: rms {rms:.4} px, {chi2:.2}");
@@ -296,7 +291,7 @@ fn of_clipped_paper_no_more_is_stated_than_is_known() {
             (450.0, 1.7),
             (600.0, 1.0),
         ] {
-            let kind = Kind { side_px, blur_px, light, gamma, exact: true, ..USUAL };
+            let kind = Kind { side_px, blur_px, light, gamma, ..USUAL };
             let seen = look_at(&kind, count, 1, &mut Dice(2600 + light as u64));
             let (rms, chi2) = (seen.rms_px(), seen.normalized());
             println!("{side_px:?} px, light {light}, gamma {gamma}: rms {rms:.4} px, {chi2:.2}");
