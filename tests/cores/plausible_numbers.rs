@@ -9,6 +9,7 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
 use vservo::config::Config;
+use vservo::config::assemble::taught_view;
 use vservo::control::trace::Trace;
 use vservo::sim::{Moment, simulate_system};
 
@@ -142,7 +143,12 @@ fn parse(table: &Table, folder: &Path) -> Result<Config, String> {
 /// Runs the first ticks of a configuration in this process; every command must be finite.
 fn run(config: &Config) -> Result<(), String> {
     let mut wrong = Ok(());
-    simulate_system(config, &mut |moment| {
+    let mut config = config.clone();
+    // of images of a simulated pair: once, for the vision and for the law
+    if let Ok(view) = taught_view(&config) {
+        config.stereo.as_mut().unwrap().taught = Some(view);
+    }
+    simulate_system(&config, &mut |moment| {
         let Moment::Tick(Trace { joint_state, .. }, _) = moment else { return ControlFlow::Continue(()) };
         let commanded = joint_state.tau.iter().chain(&joint_state.q_r).chain(&joint_state.qd_r);
         if !commanded.clone().all(|x| x.is_finite()) {

@@ -211,8 +211,11 @@ fn rolling(renderer: &mut Renderer, X_CO: &Pose, smear_px: f64, random: &mut Ran
     for (band, rows) in image.chunks_mut(ROWS * SIZE.0).enumerate() {
         let t = (band * ROWS) as f64 / SIZE.1 as f64 - 0.5;
         let moved = Pose::new(V.fixed_rows::<3>(0) * t, V.fixed_rows::<3>(3) * t) * X_CO;
-        renderer.render(&[moved], k, &mut whole);
-        rows.copy_from_slice(&whole[band * ROWS * SIZE.0..][..rows.len()]);
+        let from = band * ROWS * SIZE.0;
+        // as far as it is needed: rows above are the same with and without those below
+        let seen = &mut whole[..from + rows.len()];
+        renderer.render(&[moved], k, seen);
+        rows.copy_from_slice(&seen[from..]);
     }
     image
 }
