@@ -163,6 +163,7 @@ class Fault(enum.IntEnum):
     ROBOT_ERROR = 35
     ROBOT_HALTED = 36
     REST_UNKNOWN = 37
+    STUCK_READING = 38
 
 
 class Outcome(enum.IntEnum):

@@ -94,7 +94,8 @@ fn fault(evidence: &RunEvidence, joints: &[JointColumns<'_>]) -> Option<RunFindi
     if summary.outcome != Outcome::Fault {
         return None;
     }
-    let fault = faults().find(|fault| fault.describe() == summary.reason);
+    // Behind it may stand which joint nobody could tell about.
+    let fault = faults().find(|fault| summary.reason.starts_with(fault.describe()));
     let times = evidence.trace.numbers("time_s");
     if matches!(fault, Some(Fault::StuckReading | Fault::EncoderFrozen))
         && let Some((row, joint)) =
