@@ -240,12 +240,13 @@ fn a_run_that_is_not_served_takes_orders_too_and_ends_by_a_stop() {
 
 #[test]
 fn a_wait_beside_a_run_hears_how_that_ended() {
-    // the second one is long enough to be asked before it ends, beside any load, and its goal cannot be reached
+    // Both are long enough to be asked before they end, beside any load: the first holds its goal for long, that of the second cannot be reached.
     for (duration_s, goal_px, code) in [("30", "1", Some(0)), ("8", "0.000001", Some(5))] {
         let instance = Instance::new("serve-wait");
         let sets = [format!("run.duration_s={duration_s}"), format!("goal.feature_error_px={goal_px}")];
         let mut run = vservo()
             .args(["run", "--instance", &instance.name, "--set", &sets[0], "--set", &sets[1]])
+            .args(["--set", "goal.hold_s=6.0"])
             .stdout(Stdio::null())
             .stderr(Stdio::null())
             .spawn()
