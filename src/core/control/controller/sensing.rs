@@ -90,7 +90,7 @@ impl<const N: usize> Controller<N> {
         believed
     }
 
-    /// The same fault in other words, where a joint that is told to move has a reading that stays the same: before them nothing tells a frozen encoder from a joint that is held.
+    /// The same fault in other words, where a joint that is told to move has a reading that stays the same: nothing tells a frozen encoder from a joint that is held.
     pub(super) fn of_stuck_readings(&self, now: MonoNs, fault: Fault) -> Fault {
         let steps = self.joint_control.encoder_step();
         let touched = self.contact.map(|contact| contact.joint);

@@ -38,10 +38,10 @@ const UNMOVED: f64 = 1e-4;
 const UNMOVED_BY_PLACE: f64 = 3e-4;
 /// Speed of a joint from which on a state that is the one before in all digits was not measured anew, rad/s or m/s. Chosen by hand: that of an arm at rest (`rest.rs`).
 const MOVES: f64 = 0.02;
-/// For so many new states in a row a joint must have moved evenly for a reading that is then the same to be a frozen one. Chosen by hand: a joint that moves by stick and slip is never as even for as long.
+/// For so many new states in a row a joint must have moved evenly for a reading that is then the same to be a frozen one. Chosen by hand, and not varied: longer than
+/// an encoder's noise is even by chance.
 const STEADY_STATES: u32 = 8;
-/// By how much of a displacement the one before it may differ in even motion, and how much of it must be expected of the next state. Derived: what takes half of a speed in a tick leaves the other half to the next,
-/// and the tick of a stop, which begins within it, leaves at least a quarter of it.
+/// By how much of a displacement the one before it may differ in even motion, and how much of it must be expected of the next state. Derived: what takes half of a speed in a tick leaves the other half to the next.
 const EVEN: f64 = 0.5;
 /// Steps of its encoder that a joint must make from state to state for its motion to be even. Derived: with three a flicker of one leaves two.
 const EVEN_STEPS: f64 = 3.0;
@@ -115,7 +115,7 @@ struct EncoderReading {
     even: u32,
     /// Whether the reading stopped from one state to the next in even motion, and has not changed since.
     stopped_dead: bool,
-    /// Where its reference was then, rad or m, and how far from there it has been since.
+    /// Where its reference was then, rad or m (before a drive that closes its own loop: how far it was asked to move since then), and how far from there it has been since.
     reference: f64,
     told: f64,
     is_distrusted: bool,
