@@ -55,10 +55,10 @@ fn every_fault_ends_as_it_should_within_limits() {
             "clock-jump" => assert!(run.reason.contains("too far in the future"), "{}", at()),
             _ => {}
         }
-        // An arm whose motor is gone cannot rest.
-        let within = job.case.ends.moves_within;
-        assert!(run.is_right && (run.is_at_rest || run.speed_by_limit <= within), "{}", at());
-        if within.is_infinite() {
+        // An arm whose motor is gone cannot rest, and what is not seen is not braked.
+        let may_move = ["torque-gone", "encoder-freeze"].contains(&run.case);
+        assert!(run.is_right && (run.is_at_rest || may_move), "{}", at());
+        if run.case == "torque-gone" {
             continue;
         }
         assert!(run.speed_by_limit < 1.1, "{}", at());
@@ -172,9 +172,9 @@ fn an_encoder_that_freezes_drives_no_arm_away() {
 }
 
 /// Encoders that freeze in the slow first centimetre, or as their joint stands, on arms with loads, rotors and friction that no file tells. Nothing tells the second from a joint that sticks, until it is pushed by more than
-/// friction takes; a light wrist is fast by then. Without that bound the UR5 came to 6.2 times its limits here.
+/// friction takes; a light wrist is fast by then. Where only joints whose reference moves were watched so, and not those that are probed for friction, the UR5 came to 6.2 times its limits here.
 #[test]
-fn encoders_that_freeze_in_slow_joints_fling_none() {
+fn encoders_that_freeze_in_slow_joints_are_found() {
     let unlike = |load, friction: &str, delay| {
         vec![
             format!("drive.simulated.payload_kg={load}"),

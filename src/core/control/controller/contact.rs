@@ -52,19 +52,22 @@ impl<const N: usize> Controller<N> {
         if !self.obeys {
             return;
         }
+        let acts = self.state.moves() && self.fault.is_none() && self.failure.is_none();
+        if acts && self.mode == CommandMode::Torque {
+            let steps = self.joint_control.encoder_step();
+            let stays = std::array::from_fn(|i| self.encoder_watch.stays(i, now, steps[i]));
+            // No contact, for all that is known: whoever ignores those does not ask for joints that nobody sees to be pushed on.
+            if self.contact_watch.is_stuck(&self.arm.robot, &stays) {
+                self.fail(Fault::StuckReading);
+                return;
+            }
+        }
         if self.reaction == ContactReaction::Ignore {
             // What pushes the arm is no property of it: it would swing back by what was learnt.
             self.joint_control.pause_learning(self.contact_watch.is_touched());
             return;
         }
-        let acts = self.state.moves() && self.fault.is_none() && self.failure.is_none();
         let Some(state) = observed.filter(|_| acts) else { return };
-        let steps = self.joint_control.encoder_step();
-        let stays = std::array::from_fn(|i| self.encoder_watch.stays(i, now, steps[i]));
-        if self.mode == CommandMode::Torque && self.contact_watch.is_stuck(&self.arm.robot, &stays) {
-            self.fail(Fault::StuckReading);
-            return;
-        }
         let robot = self.joint_control.carrying(&self.arm.robot);
         if let Some(contact) = self.contact_watch.contact(robot, &state.q) {
             self.contact = Some(contact);
@@ -99,7 +102,7 @@ impl<const N: usize> Controller<N> {
         }))
     }
 
-    /// Whether the arm is carried and can be moved by hand, after a contact.
+    /// Whether the arm is carried and can be moved by hand, after a contact; but not with a joint whose reading is stuck.
     pub(in crate::control) fn floats(&self) -> bool {
         self.fault == Some(Fault::Contact) && self.reaction == ContactReaction::Float
     }

@@ -9,8 +9,8 @@
 //! | is, with those of all other joints, the one before once more, while the arm moves | likewise | likewise |
 //! | stays the same to the last digit while the joint moves, or right after it moved [steadily](STEADY_STATES) | likewise | its encoder is frozen: a fault, and the joint is believed to do what it is told until a reset |
 //!
-//! What brakes a joint, however hard, leaves a part of its last displacement to the tick in which the joint stops: a reading that moved on evenly and is the same in the very next state was not measured.
-//! That tells freezes from [`MOVES`] on, where the displacement of a tick alone, which a joint that sticks would miss as well, tells them from five times that speed.
+//! What brakes a joint takes a part of its displacement in the tick in which the joint stops: a tenth and more, unless it brakes by five times the speed in a tick. A reading that moved on evenly and is the same in the very
+//! next state was not measured. That tells freezes from [`MOVES`] on, where the displacement of a tick alone, which a joint that sticks would miss as well, tells them from five times that speed.
 //!
 //! A joint that begins to move while its encoder is frozen seems to be blocked, and something else finds that. In that fault it is believed to be on its reference, if its
 //! reading has not changed although the reference moved ([`EncoderWatch::distrust_still`]): a joint that is blocked indeed is then carried and not pushed. Laws that output
@@ -41,8 +41,11 @@ const MOVES: f64 = 0.02;
 /// For so many new states in a row a joint must have moved evenly for a reading that is then the same to be a frozen one. Chosen by hand, and not varied: longer than
 /// an encoder's noise is even by chance.
 const STEADY_STATES: u32 = 8;
-/// By how much of a displacement the one before it may differ in even motion, and how much of it must be expected of the next state. Derived: what takes half of a speed in a tick leaves the other half to the next.
-const EVEN: f64 = 0.5;
+/// The shares of the displacement before that one of even motion has. Derived: what stops a joint of speed `v` within a tick `T` by the acceleration `a` leaves at most `1 - v / (2 a T)` of it, so that with 0.9 it must brake by `5 v / T`
+/// (100 rad/s^2 from 0.02 rad/s) to be taken for an encoder; the upper one, which lets joints start, was chosen by hand.
+const EVEN: std::ops::RangeInclusive<f64> = 0.9..=1.5;
+/// The share of a displacement that must be expected of the next state. Derived: what takes half of a speed in a tick leaves the other half to the next.
+const GOES_ON: f64 = 0.5;
 /// Steps of its encoder that a joint must make from state to state for its motion to be even. Derived: with three a flicker of one leaves two.
 const EVEN_STEPS: f64 = 3.0;
 /// The share of a joint's friction beyond its model's that may have stopped it: friction is tested up to twice that of the file.
@@ -127,14 +130,14 @@ impl EncoderReading {
     fn note_way(&mut self, (way, expected): (f64, f64), held: f64, step: f64) {
         let before = std::mem::replace(&mut self.way, way);
         if way == 0.0 {
-            let goes_on = expected * before.signum() > EVEN * before.abs();
+            let goes_on = expected * before.signum() > GOES_ON * before.abs();
             self.stopped_dead |= self.even >= STEADY_STATES && goes_on;
             self.even = 0;
             return;
         }
         self.stopped_dead = false;
         let least = held.max(EVEN_STEPS * step.max(self.least_step));
-        let is_even = (way - before).abs() <= EVEN * way.abs().min(before.abs()) && way.abs() > least;
+        let is_even = EVEN.contains(&(way / before)) && way.abs() > least;
         self.even = if is_even { self.even.saturating_add(1) } else { 0 };
     }
 
